@@ -10,7 +10,7 @@ import numpy as np
 import replant as rp
 from replant.fitting.model_json import as_object
 from replant.live.dashboard.app import Hub
-from replant.live.make_view import bode_of, step_of
+from replant.live.make_view import NO_BODE, NO_STEP, bode_of, step_of
 from replant.verdict import fit_percent, simulate
 
 DT = 0.01
@@ -101,7 +101,7 @@ class Feed:
         known, verdict = ident.uncertainty, ident.assess()
         starting = ident.status == "starting"
         self.history = [*self.history, (at, ident.parameters.tolist(), known.std.tolist())][-1000:]
-        shown = None if starting else model
+        responses = (NO_BODE, NO_STEP) if starting else (bode_of(model, known, DT), step_of(model, known))
         modes = () if starting else known.modes
         gain = model.dc_gain if model.den[-1] else np.nan
         return {
@@ -113,7 +113,7 @@ class Feed:
             **{"zeros": [] if starting else model.zeros.tolist(), "dc_gain": gain, "dc_gain_std": known.dc_gain_std},
             **{"verdict": verdict.status, "excited": verdict.excited, "reasons": verdict.reasons},
             **self._window(model, starting),
-            **{"bode": vars(bode_of(shown, known, DT)), "step": vars(step_of(shown, known)), "truth": None},
+            **{"bode": vars(responses[0]), "step": vars(responses[1]), "truth": None},
             **{"input_label": "input", "output_label": "output"},
             "model": {} if starting else as_object(ident.model),
             "history": dict(zip(("t", "parameters", "std"), map(list, zip(*self.history, strict=True)), strict=True)),

@@ -75,33 +75,33 @@ FASTER = 0.25  # a mode that settles within this part of the response gets times
 GROWN = 3.0  # time constants of an unstable mode that are shown: later it hides all others [time constants]
 SIGMAS = 2.0  # half-width of a band [standard deviations]
 WIDEST = 60.0  # half-width at which a band is cut: beyond it nothing is known anyway [dB]
-NOTHING = np.zeros(0)
+NOTHING, NO_ROOTS = np.zeros(0), np.zeros(0, np.complex128)
+NO_BODE, NO_STEP = view.Bode(*[NOTHING] * 5), view.Step(*[NOTHING] * 4)
+#: What is said of an input while there is no finite model.
+NO_MODEL: dict[str, Any] = {
+    "num": NOTHING, "den": NOTHING, "poles": NO_ROOTS, "pole_covariance": np.zeros((0, 2, 2)), "zeros": NO_ROOTS,
+    "dc_gain": math.nan, "dc_gain_std": math.nan, "bode": NO_BODE, "step": NO_STEP,
+}  # fmt: skip
 
 
-def bode_of(model: TransferFunction | None, uncertainty: Uncertainty, dt: float) -> view.Bode:
-    """Return the frequency response, empty where it is not known or not finite."""
-    empty = view.Bode(NOTHING, NOTHING, NOTHING, NOTHING, NOTHING)
-    if model is None:
-        return empty
+def bode_of(model: TransferFunction, uncertainty: Uncertainty, dt: float) -> view.Bode:
+    """Return the frequency response, empty where it is not finite."""
     with np.errstate(all="ignore"):
         found = Bode.of(model, _usable(uncertainty), dt, frequencies(model, dt, FREQUENCIES))
         magnitude = 20.0 * np.log10(found.magnitude)
         if not np.isfinite(magnitude).all():
-            return empty
+            return NO_BODE
         half = np.full(magnitude.size, np.nan)
         if found.relative_std is not None:
             half = np.minimum(SIGMAS * 20.0 / math.log(10.0) * found.relative_std, WIDEST)
     return view.Bode(found.frequency, magnitude, np.degrees(found.phase), magnitude - half, magnitude + half)
 
 
-def step_of(model: TransferFunction | None, uncertainty: Uncertainty) -> view.Step:
-    """Return the step response, empty where it is not known or not finite."""
-    empty = view.Step(NOTHING, NOTHING, NOTHING, NOTHING)
-    if model is None:
-        return empty
+def step_of(model: TransferFunction, uncertainty: Uncertainty) -> view.Step:
+    """Return the step response, empty where it is not finite."""
     t, output, std = _steps(model, _usable(uncertainty), _stretches(model))
     if not np.isfinite(output).all():
-        return empty
+        return NO_STEP
     half = np.full(t.size, np.nan) if std is None else SIGMAS * std
     return view.Step(t, output, output - half, output + half)
 
@@ -260,37 +260,27 @@ def _from_input(
     finite: bool,
 ) -> view.FromInput:
     """Return what a view says of one input."""
-    shown = model if finite else None
-    bode = bode_of(shown, uncertainty, dt)
-    return view.FromInput(
-        input_label=label,
-        num=model.num if finite else np.zeros(0),
-        den=model.den if finite else np.zeros(0),
-        delay=model.delay,
-        **_roots(model, uncertainty if finite else None),
-        bode=bode,
-        step=step_of(shown, uncertainty),
-        truth=truth_of(truth, structure, shown, bode),
-    )
-
-
-def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str, Any]:
-    """Return poles with their covariances, zeros and static gain; empty arrays and NaN while there is no model."""
-    if uncertainty is None:
-        nothing = np.zeros(0, np.complex128)
-        covariance = np.zeros((0, 2, 2))
-        gain = math.nan
-        return {"poles": nothing, "pole_covariance": covariance, "zeros": nothing, "dc_gain": gain, "dc_gain_std": gain}
+    if not finite:
+        beside = truth_of(truth, structure, None, NO_BODE)
+        return view.FromInput(input_label=label, delay=model.delay, truth=beside, **NO_MODEL)
+    bode = bode_of(model, uncertainty, dt)
     with np.errstate(all="ignore"):
         roots = with_conjugates([(each.mode.pole, each.covariance) for each in uncertainty.modes])
         gain_std = uncertainty.dc_gain_std
-    return {
-        "poles": np.array([pole for pole, _ in roots], np.complex128),
-        "pole_covariance": np.array([covariance for _, covariance in roots]).reshape(-1, 2, 2),
-        "zeros": model.zeros,
-        "dc_gain": float(model.dc_gain),
-        "dc_gain_std": gain_std,
-    }
+    return view.FromInput(
+        input_label=label,
+        num=model.num,
+        den=model.den,
+        delay=model.delay,
+        poles=np.array([pole for pole, _ in roots], np.complex128),
+        pole_covariance=np.array([covariance for _, covariance in roots]).reshape(-1, 2, 2),
+        zeros=model.zeros,
+        dc_gain=float(model.dc_gain),
+        dc_gain_std=gain_std,
+        bode=bode,
+        step=step_of(model, uncertainty),
+        truth=truth_of(truth, structure, model, bode),
+    )
 
 
 def _times(newest: NewestSamples, at: float) -> FloatArray:

@@ -87,16 +87,16 @@ def open_replay(address: Address, columns: Columns, signals: Signals) -> ReplayS
         raise InvalidArgumentError(f"{address.name}: give one of time and dt")
     named = [table.find(options["time"])] if "time" in options else time_candidates(table.names)
     stamps = named[0] if len(named) == 1 and dt is None else None
-    keys: list[str | int] = [*signals.inputs, signals.output]
+    keys = list(signals.names)
     if signals == UY:
         keys = [options.get("input", "u"), options.get("output", "y")]
     elif {"input", "output"} & options.keys():
         raise InvalidArgumentError(f"{address.name}: name the signals in the address or with -i and -o, not both")
-    inputs, referenced = len(keys) - 1, "reference" in options
-    if referenced:
+    names = ["input", *(f"input {number}" for number in range(2, len(keys))), "output"]
+    if "reference" in options:
         keys.append(options["reference"])
-    names = ["input", *(f"input {number}" for number in range(2, inputs + 1)), "output", "reference"]
-    roles, is_timed = dict(zip(names, map(table.find, keys), strict=False)), dt is not None or "time" in options
+        names.append("reference")
+    roles, is_timed = dict(zip(names, map(table.find, keys), strict=True)), dt is not None or "time" in options
     if table.stamps is None and (stamps is not None or dt is not None):
         merged = written_apart(table, roles if stamps is None else roles | {"time": stamps}, dt)
     else:
@@ -104,20 +104,17 @@ def open_replay(address: Address, columns: Columns, signals: Signals) -> ReplayS
     if merged is not None:
         table, roles = merged
         stamps = roles.pop("time", stamps)
-        keys = list(roles.values())
-    if stamps is not None:
-        keys.append(stamps)
-    read = table.columns(keys)
+    read = table.columns([*roles.values(), *([] if stamps is None else [stamps])])
     rows = min(column.size for column in read)
-    read = [column[:rows] for column in read]
-    u, (y, *others) = together(read[:inputs]), read[inputs:]
-    record = Batch(u, y, None, np.arange(rows), 0.0, others[0] if referenced else None)
+    of = dict(zip([*roles, "time"], (column[:rows] for column in read), strict=False))
+    u = together([column for role, column in of.items() if role.startswith("input")])
+    record = Batch(u, of["output"], None, np.arange(rows), 0.0, of.get("reference"))
     if stamps is None:
         if dt is None and not math.isinf(speed):
             raise InvalidArgumentError(f"{address.name}: no column is the time; add &time=COLUMN or &dt=SECONDS")
         return ReplaySource(address.name, record, np.arange(rows, dtype=np.float64) * (dt or 0.0), speed)
     unit = 1.0 if stamps in table.in_seconds else unit_in_seconds(table.names[stamps])
-    t = others[-1] * unit
+    t = of["time"] * unit
     kept = np.isfinite(t)
     elapsed = np.maximum.accumulate(t[kept]) - t[kept][:1]
     refused = int(kept.size - kept.sum())
