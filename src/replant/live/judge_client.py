@@ -101,7 +101,7 @@ class Observer:
 
     def __init__(self, options: ObserverOptions) -> None:
         self._options = options
-        self._view: View | None = None
+        self.last: View | None = None  # the newest view, however old
         self._viewed = 0.0  # when the view came
         self._lines: list[str] = []  # to be shown with the next handover
         self._notices = Notices(self.show)
@@ -131,12 +131,7 @@ class Observer:
     @property
     def view(self) -> View | None:
         """The newest view; None before the first one, if it is too old, and while no process runs."""
-        return self._view if self._alive and time.monotonic() - self._viewed < TOO_OLD else None
-
-    @property
-    def last(self) -> View | None:
-        """The newest view, however old; None before the first one."""
-        return self._view
+        return self.last if self._alive and time.monotonic() - self._viewed < TOO_OLD else None
 
     def show(self, line: str) -> None:
         """Show a line at the terminal, above the status; before the first handover there is no status."""
@@ -173,7 +168,7 @@ class Observer:
                     self._due = max(self._due, now + (now - self._handed))  # it is busy at most half of its time
                 self._answered = True
                 if isinstance(message, View):
-                    self._view, self._viewed = message, now
+                    self.last, self._viewed = message, now
             case Told("command", name):
                 self._commands.append(name)
             case Told("serving", url):
@@ -195,7 +190,7 @@ class Observer:
         start = time.thread_time()
         state = identifier.to_bytes() if learned or not self._knows_state else None
         cost = time.thread_time() - start
-        history = self._view.history if self._view is not None and not self._knows_state else None
+        history = self.last.history if self.last is not None and not self._knows_state else None
         self._process.outbox.put(Handover(info, tuple(self._lines), state, history))
         self._lines.clear()
         self._busy = self._knows_state = True

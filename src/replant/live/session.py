@@ -259,8 +259,7 @@ class Session:
             self._publisher.send(self._estimate, immediately=True)
         self._publisher.end()
         with self._refusals_reported("record"):
-            if self._recorder is not None:
-                self._recorder.close()
+            self._flush_record()
         self._disk_writer.close()
 
     def _write_last_checkpoint(self) -> None:

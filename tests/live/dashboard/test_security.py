@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from starlette.datastructures import Headers
+from starlette.requests import HTTPConnection
 
 from replant.errors import InvalidArgumentError
 from replant.live.dashboard import security
@@ -86,7 +86,7 @@ def test_the_address_that_a_request_came_to_is_a_name_of_the_server(host: str, k
     """Of a server that listens at every address of the machine no list of names would have them all."""
     guard = security.Guard(lambda *_: None, None, ())  # type: ignore[arg-type,return-value]
     scope = {"type": "http", "method": "GET", "server": ("192.0.2.7", 8710), "headers": [(b"host", host.encode())]}
-    assert (guard._refusal(scope, Headers(scope=scope)) is None) == known
+    assert (guard._refusal(HTTPConnection(scope)) is None) == known
 
 
 # --- origin ---

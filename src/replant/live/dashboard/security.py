@@ -18,11 +18,11 @@ import hmac
 import socket
 from asyncio import get_running_loop
 from collections.abc import Callable
-from http.cookies import CookieError, SimpleCookie
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -41,7 +41,6 @@ HEADERS = {
 LONGEST_TOKEN = 1024  # characters of a token that are compared at all [characters]
 PAUSE = 0.5  # time before a missing or wrong token is answered, one after the other: nobody tries many [s]
 MOST_WAITING = 32  # requests that may wait for that answer; of more no token is looked at [count]
-_SAFE = ("GET", "HEAD")
 
 
 class Guard:
@@ -56,20 +55,16 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve a request or refuse it."""
-        if scope["type"] == "lifespan":
-            await self.app(scope, receive, send)
-            return
-        headers = Headers(scope=scope)
-        refused = self._refusal(scope, headers)
+        request = HTTPConnection(scope)
+        refused = self._refusal(request)
 
         async def answer(message: Message) -> None:
             if message["type"] in ("http.response.start", "websocket.http.response.start"):
                 sent = MutableHeaders(scope=message)
                 sent.update(HEADERS)
-                if refused is None and self.token is not None and "token" in _query(scope):
-                    sent.append(
-                        "Set-Cookie", f"{self._cookie_name(scope)}={self._proof()}; HttpOnly; SameSite=Strict; Path=/"
-                    )
+                if refused is None and self.token is not None and "token" in request.query_params:
+                    cookie = f"{_cookie_name(request)}={self._proof()}; HttpOnly; SameSite=Strict; Path=/"
+                    sent.append("Set-Cookie", cookie)
             await send(message)
 
         if refused is not None and refused[0] == 401:
@@ -87,48 +82,35 @@ class Guard:
             await receive()
             await send({"type": "websocket.close", "code": 1008, "reason": refused[1]})
 
-    def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
+    def _refusal(self, request: HTTPConnection) -> tuple[int, str] | None:
         """Return status and reason of a refusal; None for a request that is allowed."""
-        if not self._names_this_server(scope, headers):
+        if not self._names_this_server(request):
             return 421, "This server is not known by that name: open the address that it printed."
-        acts = scope["type"] == "websocket" or scope["method"] not in _SAFE
-        if acts and not _is_same_origin(headers):
+        if not _is_look(request) and not _is_same_origin(request.headers):
             return 403, "Only the dashboard's own page may do that."
-        if self.token is None or self._has_cookie(scope, headers):
+        if self.token is None or _is(request.cookies.get(_cookie_name(request), ""), self._proof().encode()):
             return None
         if self._waiting >= MOST_WAITING:
             return 503, "Too many wrong tokens are being tried: try again in a minute."
-        if not self._has_token(scope, headers):
+        if not self._has_token(request):
             return 401, "A token is required: open the whole address that was printed, with ?token= at its end."
         return None
 
-    def _names_this_server(self, scope: Scope, headers: Headers) -> bool:
-        named = headers.getlist("host")
+    def _names_this_server(self, request: HTTPConnection) -> bool:
+        named = request.headers.getlist("host")
         name = _host(f"//{named[0]}") if len(named) == 1 else None
         if name is None:
             return False
-        server = scope.get("server")
+        server = request.scope.get("server")
         return name in self.hosts or (server is not None and name == server[0])
 
-    def _has_token(self, scope: Scope, headers: Headers) -> bool:
+    def _has_token(self, request: HTTPConnection) -> bool:
         assert self.token is not None
-        kind, _, bearer = headers.get("authorization", "").partition(" ")
+        kind, _, bearer = request.headers.get("authorization", "").partition(" ")
         brought = [bearer.strip()] if kind.lower() == "bearer" else []
-        if scope["type"] == "http" and scope["method"] in _SAFE:
-            brought += _query(scope).get("token", [])[:1]
-        return any(hmac.compare_digest(one[:LONGEST_TOKEN].encode(), self.token) for one in brought)
-
-    def _has_cookie(self, scope: Scope, headers: Headers) -> bool:
-        try:
-            morsel = SimpleCookie(headers.get("cookie", "")).get(self._cookie_name(scope))
-        except CookieError:
-            return False
-        return morsel is not None and hmac.compare_digest(morsel.value.encode(), self._proof().encode())
-
-    def _cookie_name(self, scope: Scope) -> str:
-        """Return the cookie's name, which contains the port: browsers share cookies between all ports of a host."""
-        server = scope.get("server")
-        return f"replant-{server[1] if server else 0}"
+        if _is_look(request):
+            brought += request.query_params.getlist("token")[:1]
+        return any(_is(one[:LONGEST_TOKEN], self.token) for one in brought)
 
     def _proof(self) -> str:
         """Return the cookie's value: it proves that the token was known, and does not reveal it."""
@@ -136,8 +118,19 @@ class Guard:
         return hmac.new(self.token, b"replant dashboard", hashlib.sha256).hexdigest()
 
 
-def _query(scope: Scope) -> dict[str, list[str]]:
-    return parse_qs(scope["query_string"].decode("latin-1"))
+def _is(given: str, secret: bytes) -> bool:
+    return hmac.compare_digest(given.encode(), secret)
+
+
+def _is_look(request: HTTPConnection) -> bool:
+    """Return whether a request changes nothing, and gives nothing to a foreign page."""
+    return request.scope["type"] == "http" and request.scope["method"] in ("GET", "HEAD")
+
+
+def _cookie_name(request: HTTPConnection) -> str:
+    """Return the cookie's name, which contains the port: browsers share cookies between all ports of a host."""
+    server = request.scope.get("server")
+    return f"replant-{server[1] if server else 0}"
 
 
 def _is_same_origin(headers: Headers) -> bool:
