@@ -38,15 +38,16 @@ R = TypeVar("R")
 
 def carried_out(workers: Workers, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[tuple[int, R]]:
     """Yield number and result of each task as they end; a pool whose worker died is made anew, and goes on."""
-    call, executor, lost = partial(_alone, function), workers.executor, 0
-    waiting = list(enumerate(tasks))[::-1]
-    running: dict[Future[R], tuple[int, T]] = {}
+    call = partial(_alone, function)
     with _one_thread():  # here, too: of threads that end one after the other the first one gives back what it found
-        while executor is None and waiting:
-            number, task = waiting.pop()
-            yield number, call(task)
+        if workers.executor is None:
+            yield from enumerate(map(call, tasks))
+            return
+        executor, lost = workers.executor, 0
+        waiting = list(enumerate(tasks))[::-1]
+        running: dict[Future[R], tuple[int, T]] = {}
         try:
-            while executor is not None and (waiting or running):
+            while waiting or running:
                 death: BaseException | None = None
                 try:
                     while waiting and len(running) < MOST_WAITING:

@@ -265,7 +265,7 @@ class Deviation:
     def words(self, beside: str = "the fleet's median") -> str:
         """Return the quantity beside another value of it in words."""
         times = _ratio(math.exp(min(max(self.log_ratio, -700.0), 700.0)))
-        sign, sure = ("", abs(self.log_ratio) / self.std)
+        sign, sure = "", abs(self.log_ratio) / self.std
         if self.turned % 2:
             sign, sure = " of the opposite sign,", self.certainty
         return f"{self.quantity.label}{sign} {times} times {beside}, {sure:,.0f} standard deviations"
