@@ -110,8 +110,7 @@ class _Observing:
                 view = self._judge(handover)
                 self._send(Told("no view") if view is None else view)
                 self._show(view, handover.lines)
-                if self._options.dashboard is not None:
-                    self._serve()
+                self._serve()
             if self._dashboard is not None:
                 self._dashboard.announce_end()
         finally:
@@ -179,10 +178,8 @@ class _Observing:
 
     def _serve(self) -> None:
         """Serve the dashboard if it is requested and not served; tell the session its URL, or why it failed."""
-        address = self._options.dashboard
-        if address is None or (self._dashboard is not None and self._dashboard.alive):
-            return
-        if time.monotonic() < self._serve_again:
+        address, served = self._options.dashboard, self._dashboard is not None and self._dashboard.alive
+        if address is None or served or time.monotonic() < self._serve_again:
             return
         self._serve_again = time.monotonic() + AGAIN
         from replant.live.dashboard.server import PAGES_NEED, serve

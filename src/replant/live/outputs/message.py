@@ -264,18 +264,15 @@ def _samples_table(samples: list[Samples]) -> Any:
 def _estimates_table(estimates: list[EstimateMessage]) -> Any:
     import pyarrow
 
-    names = estimates[0].names
+    def each(attribute: str) -> list[Any]:
+        return [getattr(entry, attribute) for entry in estimates]
+
     columns: dict[str, Any] = {
-        "t": pyarrow.array([entry.timestamp for entry in estimates], pyarrow.float64()),
-        "n": pyarrow.array([entry.sequence for entry in estimates], pyarrow.int64()),
-        "samples": pyarrow.array([entry.samples for entry in estimates], pyarrow.int64()),
+        "t": pyarrow.array(each("timestamp"), pyarrow.float64()),
+        "n": pyarrow.array(each("sequence"), pyarrow.int64()),
+        "samples": pyarrow.array(each("samples"), pyarrow.int64()),
     }
-    for prefix, values in (
-        ("", np.array([entry.parameters for entry in estimates])),
-        ("std_", np.array([entry.std for entry in estimates])),
-    ):
-        columns |= {prefix + name: values[:, k] for k, name in enumerate(names)}
-    columns["status"] = [entry.status for entry in estimates]
-    columns["verdict"] = [entry.verdict for entry in estimates]
-    columns["excited"] = [entry.excited for entry in estimates]
-    return pyarrow.table(columns)
+    for prefix, attribute in (("", "parameters"), ("std_", "std")):
+        values = np.array(each(attribute))
+        columns |= {prefix + name: values[:, k] for k, name in enumerate(estimates[0].names)}
+    return pyarrow.table(columns | {name: each(name) for name in ("status", "verdict", "excited")})
