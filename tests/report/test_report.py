@@ -20,7 +20,7 @@ from replant.cli import main
 from replant.errors import MissingDependencyError
 from replant.report import result_page as module
 from replant.report.findings import findings
-from replant.report.page_figures import charts_of
+from replant.report.page_frame import charts_of
 from replant.report.result_page import write_report
 from support.builders import with_model
 
@@ -164,7 +164,7 @@ def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
 
 def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     """No bands where there is no standard deviation, figures with their units, how long there was no estimate."""
-    from replant.report import page_figures as words
+    from replant.report import contents as words
     from replant.report.contents import Material
 
     with_bands, without = (
@@ -383,7 +383,7 @@ def test_where_uplot_was_not_fetched_that_of_uplot_python_is_taken(tmp_path, mon
 
 def test_plots_over_time_know_what_is_left_out(uncertain) -> None:
     from replant.report.contents import Material
-    from replant.report.page_figures import charts_of
+    from replant.report.page_frame import charts_of
 
     result = dataclasses.replace(uncertain.result, left_out=np.array([[10, 30]]))
     found = charts_of(Material(result, uncertain.log, result.settings.filter, rp.Preprocess()).panels)

@@ -16,8 +16,7 @@ from replant.paper.figures import ACTUATOR, ACTUATOR_FIGURES, FIGURES, Outcome
 from replant.paper.tables import LIMIT, Cell, RowResult, TableResult, three_digits
 from replant.plotting.numbers import number, uncertain
 from replant.report.contents import versions
-from replant.report.page_figures import svg
-from replant.report.page_frame import Html, code, facts, icon, section, table, write_page
+from replant.report.page_frame import Html, code, facts, icon, section, svg, table, write_page
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

@@ -10,8 +10,9 @@ import base64
 import html
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,15 @@ def blank_figure(width: float, height: float) -> Any:
     figure: Any = Figure(figsize=(width, height), layout="constrained")
     figure._repr_png_ = partial(_as_png, figure)  # what a notebook asks an object for
     return figure
+
+
+def saved(folder: Path, drawn: Mapping[str, Any], dpi: int = 130) -> list[Path]:
+    """Write the figures of axes, by their names, as PNG files into a folder, and return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{name}.png" for name in drawn]
+    for path, axis in zip(paths, drawn.values(), strict=True):
+        axis.figure.savefig(path, dpi=dpi)
+    return paths
 
 
 def _as_png(figure: Any) -> bytes:

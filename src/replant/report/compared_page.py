@@ -21,18 +21,17 @@ from replant.numerics.robust import stretches_of
 from replant.online.runs.result import Clock, Result
 from replant.online.runs.run_log import Contender, best
 from replant.plotting import diagrams, style
-from replant.plotting.numbers import mapped_label, number, percent, symbols
+from replant.plotting.numbers import mapped_label, number, percent, symbols, uncertain
 from replant.plotting.over_time import SHOWN_SMALL, draw_panels
 from replant.plotting.style import Shown, axes_for, blank_figure
 from replant.report import contents as tables
+from replant.report import page_frame as page
 from replant.report import python_programs
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, responses_of
 from replant.report.findings import BAD, GOOD, Finding, findings
-from replant.report.page_figures import HALF, VARIABLES, look, svg
-from replant.report.page_frame import NO_BREAK, Html, code, facts, icon, section, table, words, write_page
 from replant.report.panels import draw_poles_of, draw_steps, output_panels
 from replant.report.result_page import in_small
-from replant.report.results_as_text import OUTCOME, cells_of, gravity_of
+from replant.report.results_as_text import OUTCOME, cells_of, gain_and_times, gravity_of
 from replant.verdict import Assessment, Simulation
 
 BANDS = "Bands are two standard deviations wide to either side"
@@ -58,7 +57,7 @@ def _swatch(colour: str, dashes: Any, width: float = 2.4) -> str:
     pattern = "" if dashes == "solid" else f' stroke-dasharray="{" ".join(f"{1.4 * x:g}" for x in dashes[1])}"'
     return (
         f'<svg class="swatch" viewBox="0 0 42 8" aria-hidden="true"><path d="M0 4h42" fill="none" '
-        f'stroke="var(--{VARIABLES[colour]})" stroke-width="{width:g}"{pattern}/></svg>'
+        f'stroke="var(--{page.VARIABLES[colour]})" stroke-width="{width:g}"{pattern}/></svg>'
     )
 
 
@@ -71,10 +70,10 @@ def pictures(
     first: str = "",
 ) -> str:
     """Return pictures side by side, by their names in the page with the text of each, below one legend."""
-    with look():
-        axes = [blank_figure(HALF, height).subplots() for _ in words]
+    with page.look():
+        axes = [blank_figure(page.HALF, height).subplots() for _ in words]
         draw(axes)
-        drawn = "".join(svg(axis.figure, *each) for axis, each in zip(axes, words.items(), strict=True))
+        drawn = "".join(page.svg(axis.figure, *each) for axis, each in zip(axes, words.items(), strict=True))
     entries = "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in swatches_of(contenders).items())
     return (
         f'<figure><ul class="lines">{first}{entries}</ul><div class="panels">{drawn}</div>'
@@ -140,20 +139,14 @@ def save_figures(folder: Path, contenders: Sequence[Contender], log: Log, prepro
         "bode": draw_responses(results, log.dt, **more)[0],
         "parameters": draw_overlay(results, log.dt, **more)[0],
     }
-    folder.mkdir(parents=True, exist_ok=True)
-    return [_saved(folder / f"{name}.png", axis) for name, axis in drawn.items()]
-
-
-def _saved(path: Path, axis: Any) -> Path:
-    """Write the figure of an axis with a legend of its curves, if there are any, above it."""
-    handles, names = axis.get_legend_handles_labels()
-    if names:
-        axis.figure.legend(
-            handles, names, loc="outside upper left", ncols=-(-len(names) // -(-len(names) // 6)), frameon=False,
-            labelcolor=style.INK, handlelength=3.4,
-        )  # fmt: skip
-    axis.figure.savefig(path, dpi=130)
-    return path
+    for axis in drawn.values():
+        handles, names = axis.get_legend_handles_labels()
+        if names:
+            axis.figure.legend(
+                handles, names, loc="outside upper left", ncols=-(-len(names) // -(-len(names) // 6)), frameon=False,
+                labelcolor=style.INK, handlelength=3.4,
+            )  # fmt: skip
+    return style.saved(folder, drawn)
 
 
 def write_comparison(
@@ -163,20 +156,28 @@ def write_comparison(
     labels = _labels(log, preprocess.input_map)
     structure = next(iter(results_of(contenders).values())).structure
     listed = _html_table(contenders, symbols(structure, *labels.values()), len(log))
-    body = [
-        section("", f'<p class="claim">{html.escape(claim(contenders))}</p>', listed, _remarks(contenders, len(log))),
-        section("Outputs", outputs(contenders, log)),
-        section("Frequency responses", responses(contenders, log, labels)),
-        section("Estimates over time", estimates(contenders, log, labels)),
-        section("How to reproduce this", code("shell", command) if command else "", _programs(contenders, log)),
-        section("Record and versions", facts([*tables.of_record(log), ("versions", tables.versions())])),
-    ]
+    sections = {
+        "": _claimed(claim(contenders)) + listed + _remarks(contenders, len(log)),
+        "Outputs": outputs(contenders, log),
+        "Frequency responses": responses(contenders, log, labels),
+        "Estimates over time": estimates(contenders, log, labels),
+        "How to reproduce this": (page.code("shell", command) if command else "") + _programs(contenders, log),
+        "Record and versions": page.facts([*tables.of_record(log), ("versions", tables.versions())]),
+    }
     lede = (
         f"{log.input_name} → {log.output_name}, {len(contenders)} methods on the same {len(log):,} samples, "
         f"{tables.lasts(log)}"
     )
-    title = log.path.name or "Simulated record"
-    return write_page(path, title=title, eyebrow="Methods compared", lede=lede, body="".join(body))
+    return _write(path, log.path.name or "Simulated record", "Methods compared", lede, sections)
+
+
+def _claimed(text: str) -> str:
+    return f'<p class="claim">{html.escape(text)}</p>'
+
+
+def _write(path: Path, title: str, eyebrow: str, lede: str, sections: Mapping[str, str]) -> Path:
+    body = "".join(page.section(name, content) for name, content in sections.items())
+    return page.write_page(path, title=title, eyebrow=eyebrow, lede=lede, body=body)
 
 
 def claim(contenders: Sequence[Contender]) -> str:
@@ -195,7 +196,7 @@ def claim(contenders: Sequence[Contender]) -> str:
     elif first.name not in trusted:
         name = max(trusted, key=lambda each: trusted[each])
         said += f" It is not trusted; of the models that are, that of {name} is best: {percent(trusted[name])}."
-    return said.replace(" %", NO_BREAK + "%")
+    return said.replace(" %", page.NO_BREAK + "%")
 
 
 def _html_table(contenders: Sequence[Contender], labels: Sequence[str], samples: int) -> str:
@@ -203,13 +204,15 @@ def _html_table(contenders: Sequence[Contender], labels: Sequence[str], samples:
     rows = []
     for entry in contenders:
         status, *cells = cells_of(entry, len(labels))
-        name = Html(swatches.get(entry.name, '<svg class="swatch" aria-hidden="true"></svg>') + html.escape(entry.name))
-        verdict = Html(f'<span class="status">{icon(gravity_of(entry, samples))}{html.escape(status)}</span>')
-        outcome = [cell.replace(" ", NO_BREAK) for cell in cells[: len(OUTCOME) - 1]]
-        rows.append([name, verdict, *outcome, *(Html(in_small(cell)) for cell in cells[len(outcome) :])])
+        name = page.Html(
+            swatches.get(entry.name, '<svg class="swatch" aria-hidden="true"></svg>') + html.escape(entry.name)
+        )
+        verdict = page.Html(f'<span class="status">{page.icon(gravity_of(entry, samples))}{html.escape(status)}</span>')
+        outcome = [cell.replace(" ", page.NO_BREAK) for cell in cells[: len(OUTCOME) - 1]]
+        rows.append([name, verdict, *outcome, *(page.Html(in_small(cell)) for cell in cells[len(outcome) :])])
     headings = ("method", "verdict", "simulated fit", "one-step fit", "time", *labels)
     return (
-        table(headings, rows, "Methods compared", "table wide methods")
+        page.table(headings, rows, "Methods compared", "table wide methods")
         + '<p class="note">Estimate ± standard deviation, if the method gives one.</p>'
     )
 
@@ -223,7 +226,7 @@ def _remarks(contenders: Sequence[Contender], samples: int) -> str:
             found = [each for each in findings(entry.result, samples) if each.gravity != GOOD]
         remarks += [(each.gravity != BAD, entry.name, each) for each in found]
     items = "".join(
-        f"<li>{icon(each.gravity)}<div><b>{html.escape(name)}: {html.escape(each.headline.lower())}.</b> "
+        f"<li>{page.icon(each.gravity)}<div><b>{html.escape(name)}: {html.escape(each.headline.lower())}.</b> "
         f"{shortened(' '.join((each.text, *each.more)))}</div></li>"
         for _, name, each in sorted(remarks, key=lambda entry: entry[0])
     )
@@ -232,7 +235,7 @@ def _remarks(contenders: Sequence[Contender], samples: int) -> str:
 
 def shortened(text: str) -> str:
     """Return the first two sentences, and the others folded away."""
-    sentences = re.split(r"(?<=[.?!]) (?=[A-Z0-9])", words(text))
+    sentences = re.split(r"(?<=[.?!]) (?=[A-Z0-9])", page.words(text))
     first, rest = " ".join(sentences[:2]), " ".join(sentences[2:])
     return f"{first} <details><summary>More</summary>{rest}</details>" if rest else first
 
@@ -248,7 +251,7 @@ def _programs(contenders: Sequence[Contender], log: Log) -> str:
         else:
             continue
         summary = f"<summary>{html.escape(entry.name)} alone, in Python</summary>"
-        parts.append(f"<details>{summary}{code('python', program)}</details>")
+        parts.append(f"<details>{summary}{page.code('python', program)}</details>")
     return "".join(parts)
 
 
@@ -286,7 +289,7 @@ class ModelComparison(Shown):
         rows: list[tuple[str, ...]] = []
         for name, model in self.models.items():
             found, structure = self.validations[name], model.structure
-            gain, times = tables.gain_and_times(model)
+            gain, times = gain_and_times(model, uncertain)
             size = (str(structure.poles), str(structure.zeros), f"{structure.delay:.4g} s")
             fits = percent(found.fit), percent(found.one_step)
             rows.append((name, found.verdict.status, *fits, *size, gain, "; ".join(times)))
@@ -375,24 +378,23 @@ def write_models(path: Path, comparison: ModelComparison, command: str = "") -> 
     found = comparison.validations[comparison.best]
     said = f"{comparison.best} follows the record best: {percent(found.fit)}, {found.verdict.status}."
     swatches = swatches_of(contenders)
-    rows = [[Html(swatches[name] + html.escape(name)), *rest] for name, *rest in comparison.rows]
-    listed = table(HEADINGS, rows, "Models compared", "table wide methods")
+    rows = [[page.Html(swatches[name] + html.escape(name)), *rest] for name, *rest in comparison.rows]
+    listed = page.table(HEADINGS, rows, "Models compared", "table wide methods")
     reasons = "".join(
         f"<li><div><b>{html.escape(name)}:</b> {html.escape(each.verdict.reasons[0])}</div></li>"
         for name, each in comparison.validations.items()
         if each.verdict.status != "trusted" and each.verdict.reasons
     )
     reasons = f'<ul class="remarks">{reasons}</ul>' if reasons else ""
-    body = [
-        section("", f'<p class="claim">{html.escape(said)}</p>', listed, reasons),
-        section("Outputs", outputs(contenders, log)),
-        section("Step responses and poles", _steps_and_poles(comparison)),
-        section("Frequency responses", responses(contenders, log, _labels(log, "identity"))),
-        section("How to reproduce this", code("shell", command) if command else "", facts(tables.of_record(log))),
-    ]
+    sections = {
+        "": _claimed(said) + listed + reasons,
+        "Outputs": outputs(contenders, log),
+        "Step responses and poles": _steps_and_poles(comparison),
+        "Frequency responses": responses(contenders, log, _labels(log, "identity")),
+        "How to reproduce this": (page.code("shell", command) if command else "") + page.facts(tables.of_record(log)),
+    }
     lede = f"{log.input_name} → {log.output_name}, {len(comparison.models)} models over {len(log):,} samples"
-    title = log.path.name or "Models compared"
-    return write_page(path, title=title, eyebrow="Models compared", lede=lede, body="".join(body))
+    return _write(path, log.path.name or "Models compared", "Models compared", lede, sections)
 
 
 def _steps_and_poles(comparison: ModelComparison) -> str:

@@ -1,10 +1,10 @@
-"""What a report is made from, and the tables and facts that it has of it."""
+"""What a report is made from, and what it has of it: tables, facts and the captions of its figures."""
 
 from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import metadata
@@ -17,17 +17,32 @@ from replant.estimation.solver.least_squares import regressors
 from replant.fitting.model import Model
 from replant.logs.log import Log
 from replant.logs.recording import digest
+from replant.model.interop import unit_of
 from replant.model.preprocess import Preprocess, rejected_in_words, screen
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import places_on_grid
 from replant.numerics.residuals import Correlations, correlation_lags, correlations
 from replant.online.runs.result import Clock, Result
-from replant.plotting.numbers import MINUS, complex_number, duration, mapped_label, number, off_by, symbols, uncertain
+from replant.plotting import style
+from replant.plotting.diagrams import reach_of
+from replant.plotting.numbers import (
+    MINUS,
+    complex_number,
+    duration,
+    gain_unit,
+    mapped_label,
+    number,
+    off_by,
+    percent,
+    symbols,
+    uncertain,
+)
 from replant.plotting.over_time import Panel
 from replant.report.findings import Excitation, excitation
 from replant.report.page_frame import facts, table
-from replant.report.panels import estimate_panels, excitation_panels, fit_panels, regions
+from replant.report.panels import estimate_panels, excitation_panels, first_estimate, fit_panels, regions
+from replant.report.results_as_text import POLE, modes_of, stds_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +95,8 @@ class Material:
     @cached_property
     def correlations(self) -> Correlations | None:
         """Correlations of the residual with itself and with the mapped input."""
-        times = [mode.time_constant for mode in self.result.transfer_function.modes]
-        lags = correlation_lags(times, self.log.output.size, self.log.dt)
-        residual, u = (on_grid(x, self.log) for x in (self.residual, self.preprocess.map_input(self.log.input)))
-        return correlations(residual, u, lags)
+        mapped = self.preprocess.map_input(self.log.input)
+        return correlated(self.residual, [mapped], self.log, [self.result.transfer_function])[0]
 
     @cached_property
     def excitation(self) -> Excitation | None:
@@ -99,6 +112,16 @@ class Material:
             return None
         found = excitation(phi)
         return found and replace(found, samples=found.samples + log.earlier)
+
+
+def correlated(
+    residual: FloatArray, inputs: Iterable[FloatArray], log: Log, plants: Sequence[TransferFunction]
+) -> list[Correlations | None]:
+    """Return the correlations of a residual (K,) with itself and with each input (K,), at lags that plants need."""
+    times = [mode.time_constant for g in plants for mode in g.modes]
+    lags = correlation_lags(times, residual.size, log.dt)
+    residual = on_grid(residual, log)
+    return [correlations(residual, on_grid(u, log), lags) for u in inputs]
 
 
 def on_grid(signal: FloatArray, log: Log) -> FloatArray:
@@ -120,13 +143,8 @@ PACKAGES = ("replant", "numpy", "scipy", "matplotlib")
 def coefficients(material: Material) -> str:
     """Return the table of coefficients with units, standard deviations and, if known, true values."""
     result, known = material.result, material.result.uncertainty
-    stds: Sequence[float | None] = [None] * result.structure.size if known is None else known.std.tolist()
-    labels = symbols(result.structure, material.plant_label, material.log.output_name)
     headings = ["coefficient", "estimate" if known is None else "estimate ± std"]
-    rows = [
-        [label, uncertain(value, std)]
-        for label, value, std in zip(labels, result.parameters.tolist(), stds, strict=True)
-    ]
+    rows = estimates(result.model, material.plant_label, material.log.output_name)
     if material.truth is not None:
         headings += ["true", "off by"]
         for row, value, true in zip(rows, result.parameters.tolist(), material.truth, strict=True):
@@ -135,29 +153,18 @@ def coefficients(material: Material) -> str:
     return table(headings, rows, "Coefficients") + f'<p class="note">{note}</p>'
 
 
-def gain_and_times(model: Model) -> tuple[str, list[str]]:
-    """Return DC gain and time constants of a model, each with its standard deviation where that is known."""
-    known, g = model.uncertainty, model.transfer_function
-    stds: list[float | None] = (
-        [None] * len(g.modes) if known is None else [each.time_constant_std for each in known.modes]
-    )
-    gain = uncertain(float(g.dc_gain), None if known is None else known.dc_gain_std)
-    return gain, [uncertain(mode.time_constant, std) for mode, std in zip(g.modes, stds, strict=True)]
+def estimates(model: Model, input_label: str, output_label: str) -> list[list[str]]:
+    """Return each coefficient's symbol with its unit, and its estimate with its standard deviation if known."""
+    values = map(uncertain, model.parameters.tolist(), stds_of(model))
+    return [[*each] for each in zip(symbols(model.structure, input_label, output_label), values, strict=True)]
 
 
 def poles(material: Material) -> str:
     """Return the tables of poles, with frequency, damping and time constant, and of zeros."""
-    result, known = material.result, material.result.uncertainty
-    modes = result.transfer_function.modes
-    spreads: Sequence[tuple[float | None, ...]] = [(None, None, None)] * len(modes)
-    if known is not None:
-        spreads = [(each.frequency_std, each.damping_std, each.time_constant_std) for each in known.modes]
-    rows = [
-        [complex_number(mode.pole), *map(uncertain, (mode.frequency, mode.damping, mode.time_constant), spread)]
-        for mode, spread in zip(modes, spreads, strict=True)
-    ]
-    headings = ("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
-    return table(headings, rows, "Poles") + _zeros(result)
+    model = material.result.model
+    found = [complex_number(mode.pole) for mode in model.transfer_function.modes]
+    rows = [[pole, *figures] for pole, figures in zip(found, modes_of(model, uncertain), strict=True)]
+    return table(POLE, rows, "Poles") + _zeros(material.result)
 
 
 def _zeros(result: Result) -> str:
@@ -216,3 +223,132 @@ def versions() -> str:
         except metadata.PackageNotFoundError:
             continue
     return ", ".join([*found, f"Python {platform.python_version()}"])
+
+
+SEEN = 0.01  # part of the record below which a stretch cannot be seen in a picture [part of the record]
+
+
+def of_fit(material: Material) -> str:
+    """Return the caption of input, output and residual over time."""
+    residual = material.residual[np.isfinite(material.residual)]
+    fit = percent(material.result.simulation.fit)
+    if residual.size == 0:
+        return "Input and measured output over time; the model's output is not finite."
+    size = number(float(np.sqrt(np.mean(np.square(residual, dtype=np.longdouble)))), 3)
+    unit = unit_of(material.log.output_name)
+    newest = f" over the newest {material.log.output.size:,} samples" if material.log.earlier else ""
+    hidden = " Where the model's output is not visible, it lies outside the axes."
+    beyond = hidden if material.result.simulation.fit < 0 else ""
+    return (
+        f"The model, {material.result.simulation.how}, has a fit of {fit}; the "
+        f"root mean square of the residual is {size}{' ' + unit if unit else ''}{newest}.{beyond}"
+    )
+
+
+def of_transients(material: Material) -> str:
+    """Return the caption of the parameter estimates over time."""
+    if (np.abs(material.result.parameters) > style.FARTHEST).any():
+        return "Each parameter's estimate over time; estimates that diverged are not drawn."
+    history = material.result.history
+    banded = history is not None and history.std is not None and bool(np.isfinite(history.std).any())
+    band = ", with bands of two standard deviations" if banded else ""
+    true = ", with the true values" if material.truth is not None else ""
+    said = f"Each parameter's estimate over time{band}{true}. The axes are scaled to the last 90 % of the record."
+    begin, rows = (0, 0) if history is None else (first_estimate(history), history.samples.size)
+    if history is None or begin == rows or begin < SEEN * rows:
+        return said
+    held = number(float(material.clock.after(history.samples[begin])), 3)
+    return f"{said} The first estimate is made from the first {held} s."
+
+
+def of_excitation(material: Material) -> str:
+    """Return the caption of the excitation over time."""
+    found = material.excitation
+    if found is None:
+        return "Excitation over time: there are no regressors."
+    window = number(found.window * material.log.dt, 3)
+    poorest = int(np.argmin(found.smallest))
+    when = number(float(material.clock.after(found.samples[poorest])), 3)
+    windows = f"{found.window:,} samples" if material.clock.irregular else f"{window} s"
+    return (
+        f"Excitation in windows of {windows}: the smallest eigenvalue of the scaled information matrix is at most "
+        f"{number(float(found.smallest.max()), 2)} and at least {number(float(found.smallest[poorest]), 2)}, in the "
+        f"window up to {when} s. Where it is small, the input does not excite every parameter."
+    )
+
+
+def of_poles(material: Material) -> str:
+    """Return the caption of poles and zeros."""
+    model = material.result.transfer_function
+    poles = ", ".join(complex_number(mode.pole) for mode in model.modes)
+    zeros = ", ".join(complex_number(zero) for zero in model.zeros.tolist() if zero.imag >= 0)
+    tail = f"; zero{'s' if model.zeros.size > 1 else ''} at {zeros} rad/s" if zeros else ""
+    region = " Coloured: 95 % confidence regions." if material.result.uncertainty is not None else ""
+    diamonds = " Diamonds: the true poles." if material.truth is not None else ""
+    heads = f"Pole{'s' if model.poles.size > 1 else ''} at {poles} rad/s{tail}"
+    return f"{heads}. Grey: the right half-plane, in which poles are unstable.{region}{diamonds}"
+
+
+def of_bode(material: Material) -> str:
+    """Return the caption of the Bode diagram."""
+    band = " with bands of two standard deviations" if material.result.uncertainty is not None else ""
+    gain = number(material.result.transfer_function.dc_gain)
+    unit = gain_unit(material.plant_label, material.log.output_name)
+    gain += f" {unit}" if unit else ""
+    return f"Bode diagram of G(s): magnitude and phase{band}; the DC gain is {gain}.{_dashed(material)}"
+
+
+def _dashed(material: Material) -> str:
+    return " Dashed: the true plant." if material.truth is not None else ""
+
+
+def of_step(material: Material) -> str:
+    """Return the caption of the step response."""
+    band = " with a band of two standard deviations" if material.result.uncertainty is not None else ""
+    return (
+        f"Step response of G(s){band}: what the output makes of a unit step of the input, from rest.{_dashed(material)}"
+    )
+
+
+def of_auto(material: Material) -> str:
+    """Return the caption of the residual's autocorrelation."""
+    return correlation_in_words(material.correlations) + _of_samples(material)
+
+
+def correlation_in_words(found: Correlations | None, name: str = "") -> str:
+    """Return how far the residual is correlated with itself, or with the input of a name."""
+    what = f"{name} with the later residual" if name else "Residual with itself"
+    if found is None:
+        return f"{what}: too few samples, or a constant signal."
+    lags = f"{number(100 * found.outside[bool(name)], 2)} % of the lags{' from 0 on' if name else ''}"
+    more = "a part of the response is missing" if name else "the noise is coloured, or dynamics are missing"
+    beyond = not name and reach_of(found.auto, found.auto_std)
+    hidden = " The value 1 at lag 0 lies outside the axes." if beyond else ""
+    return f"{what}: {lags} lie outside the limits, 5 % by chance. More: {more}.{hidden}"
+
+
+def _of_samples(material: Material) -> str:
+    """Return how samples of an irregular clock are taken where a figure needs a regular one."""
+    if not material.clock.irregular:
+        return ""
+    dt = number(material.log.dt, 4)
+    return f" The clock is irregular: samples are taken as {dt} s apart, and lost ones as unknown."
+
+
+def of_cross(material: Material) -> str:
+    """Return the caption of the cross-correlation of input and residual."""
+    return correlation_in_words(material.correlations, "Input") + _of_samples(material)
+
+
+def of_spectrum(material: Material) -> str:
+    """Return the caption of the noise's spectrum."""
+    noise = material.result.noise
+    if noise is None:
+        return "Power spectral density of the residual; this method has no model of the noise." + _of_samples(material)
+    if noise.is_white:
+        return "Power spectral density of the residual: the noise is modelled as white." + _of_samples(material)
+    share = percent(noise.variance / noise.residual_variance) if noise.residual_variance > 0.0 else "0 %"
+    return (
+        f"Power spectral density of the residual and of its model, an autoregression of order {noise.order}. Once the "
+        f"past is known {share} of the residual's power is left." + _of_samples(material)
+    )

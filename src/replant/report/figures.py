@@ -41,13 +41,13 @@ from replant.plotting.style import INK, MEASURED, MODEL, MUTED, RESIDUAL, TRUTH,
 from replant.report.findings import Excitation
 from replant.report.panels import (
     column_panels,
+    draw_poles_of,
     estimate_panels,
     excitation_panels,
     fit_panels,
     output_panels,
     overlay_panels,
     plant_input,
-    regions,
 )
 
 __all__ = [
@@ -258,8 +258,7 @@ def draw_poles_and_zeros(result: Result, *, truth: TransferFunction | None = Non
     ax : matplotlib axes, optional
         Drawn into; without it a figure is made.
     """
-    model = result.transfer_function
-    return diagrams.draw_poles({"model": (model.poles, model.zeros, regions(result.model))}, ax, truth=truth)
+    return draw_poles_of({"model": result.model}, ax, truth=truth)
 
 
 def draw_bode(
@@ -383,9 +382,7 @@ def save_columns(folder: Path, found: Inspection) -> Path | None:
     draw_panels(axes, panels)
     if found.clock is None or math.isnan(found.clock.dt):
         axes[-1].set_xlabel("sample")
-    path = folder / "columns.png"
-    axes[0].figure.savefig(path, dpi=130)
-    return path
+    return style.saved(folder, {"columns": axes[0]})[0]
 
 
 def save_figures(
@@ -424,14 +421,9 @@ def save_figures(
     """
     result = instance("result", result, Result)
     folder = Path(file_path("folder", folder))
-    folder.mkdir(parents=True, exist_ok=True)
     labels = {"input_label": input_label, "output_label": output_label}
     drawn = {"fit": draw_fit(result, u, y, dt, **labels)}
     style.title(drawn["fit"][1], f"simulated fit {result.simulation.fit:.1f} %")
     if result.history is not None and len(result.history.samples):
         drawn["parameters"] = draw_transients(result, dt, truth=truth, **labels)
-    paths = []
-    for name, axes in drawn.items():
-        paths.append(folder / f"{name}.png")
-        axes[0].figure.savefig(paths[-1], dpi=130)
-    return paths
+    return style.saved(folder, {name: axes[0] for name, axes in drawn.items()})

@@ -17,19 +17,19 @@ from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model.preprocess import rejected_in_words
 from replant.numerics.arguments import FloatArray
-from replant.numerics.residuals import Correlations, correlation_lags, correlations
 from replant.numerics.robust import joined, stretches_of
+from replant.numerics.residuals import Correlations
 from replant.online.runs.result import MOST_SHADES, Clock
 from replant.plotting import diagrams, style
-from replant.plotting.numbers import gain_unit, mathml, percent, symbols, uncertain, with_unit
+from replant.plotting.numbers import gain_unit, mathml, percent, uncertain, with_unit
 from replant.plotting.over_time import POINTS, Panel, draw_panels, thin
 from replant.plotting.style import blank_figure
 from replant.report import contents as tables
+from replant.report import page_frame as page
 from replant.report.findings import findings
-from replant.report.page_figures import HALF, charts_of, correlation_in_words, look, svg, time_picture
-from replant.report.page_frame import Html, asset, facts, folded, table, words
 from replant.report.panels import draw_poles_of, input_panel, model_panels, part_panel, whole_record
 from replant.report.result_page import drawn, in_small, reproduction, section, verdict_of, with_plots
+from replant.report.results_as_text import gain_and_times
 
 SAME = 1e-9  # part of a dead time that is rounding [part]
 SMALLEST = 2.6  # width of a picture of the matrix, at the least [inches]
@@ -101,10 +101,7 @@ class Output:
     @cached_property
     def correlations(self) -> list[Correlations | None]:
         """Of the residual with itself and with each input."""
-        times = [mode.time_constant for g in self.fitted.transfer_functions for mode in g.modes]
-        lags = correlation_lags(times, len(self.log), self.log.dt)
-        residual = tables.on_grid(self.residual, self.log)
-        return [correlations(residual, tables.on_grid(u, self.log), lags) for u in self.log.inputs.T]
+        return tables.correlated(self.residual, self.log.inputs.T, self.log, self.fitted.transfer_functions)
 
 
 def write_rows(
@@ -122,16 +119,16 @@ def write_rows(
     numbers = [str(i) if i > 1 else "" for i in range(1, len(outputs) + 1)]
     of_outputs = [panel for each, which in zip(outputs, numbers, strict=True) for panel in each.panels(which)]
     panels, said = {"fit": [*of_outputs, *outputs[0].inputs]}, _of_fit(outputs)
-    with look(), np.errstate(all="ignore"):
-        plots = charts_of(panels)
+    with page.look(), np.errstate(all="ignore"):
+        plots = page.charts_of(panels)
         fields = {
             "verdicts": "".join(
                 verdict_of(findings(each.fitted, len(each.log)), None, each.name if several else "") for each in outputs
             ),
             "models": _matrix(outputs, _formula),
             "figures": "".join(_figures(each, several=several) for each in outputs),
-            "zoom": asset("zoom.html"),
-            "fit": drawn(said, time_picture("fit", panels["fit"], said), plots["fit"]),
+            "zoom": page.asset("zoom.html"),
+            "fit": drawn(said, page.time_picture("fit", panels["fit"], said), plots["fit"]),
             "left": "".join(_left(each, i, several=several) for i, each in enumerate(outputs)),
             "gains": _gains(outputs),
             "steps": _matrix(outputs, _step) + _note("Bands are two standard deviations wide to either side."),
@@ -139,9 +136,9 @@ def write_rows(
             "poles": _matrix(outputs, _poles) + _note("Coloured: 95 % confidence regions. Grey: unstable poles."),
             "other_logs": section(validations),
             "candidates": candidates,
-            "coefficients": folded("Coefficients", _coefficients(outputs)),
-            "reproduce": folded("How to reproduce this", reproduction(command, python)),
-            "origin": folded("Record and versions", _origin(outputs)),
+            "coefficients": page.folded("Coefficients", _coefficients(outputs)),
+            "reproduce": page.folded("How to reproduce this", reproduction(command, python)),
+            "origin": page.folded("Record and versions", _origin(outputs)),
         }
     log, names = outputs[0].log, ", ".join(each.name for each in outputs)
     lede = f"{', '.join(log.input_names)} → {names}; {len(log):,} samples, {tables.lasts(log)}"
@@ -150,7 +147,7 @@ def write_rows(
 
 def save_figures(folder: Path, outputs: Sequence[Output]) -> list[Path]:
     """Draw each output over time, and the responses from each input, as PNG files; return their paths."""
-    paths = []
+    found: dict[str, Any] = {}
     for i, each in enumerate(outputs, 1):
         number_of = f"-{i}" if len(outputs) > 1 else ""
         panels = [*each.panels(""), *each.inputs]
@@ -159,10 +156,8 @@ def save_figures(folder: Path, outputs: Sequence[Output]) -> list[Path]:
         for axis in axes[:2]:
             style.legend(axis)
         style.title(axes[0], f"simulated fit {each.fitted.fit:.1f} %")
-        for name, figure in (("fit", axes[0].figure), ("responses", each.fitted.model.plot()[0, 0].figure)):
-            paths.append(folder / f"{name}{number_of}.png")
-            figure.savefig(paths[-1], dpi=130)
-    return paths
+        found |= {f"fit{number_of}": axes[0], f"responses{number_of}": each.fitted.model.plot()[0, 0]}
+    return style.saved(folder, found)
 
 
 def _matrix(outputs: Sequence[Output], cell: Callable[[Output, str, str], str]) -> str:
@@ -185,7 +180,7 @@ def _formula(output: Output, name: str, _: str) -> str:
 
 
 def _axes(output: Output, height: float, rows: int = 1) -> Any:
-    width = max(SMALLEST, 2.0 * HALF / max(len(output.pairs), 2))
+    width = max(SMALLEST, 2.0 * page.HALF / max(len(output.pairs), 2))
     return blank_figure(width, height).subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
 
 
@@ -198,25 +193,25 @@ def _step(output: Output, name: str, place: str) -> str:
     output.pairs[name].step().plot(axis)
     axis.set_ylabel(with_unit("step response", gain_unit(name, output.name)))
     _titled(axis, output, name)
-    return svg(axis.figure, f"step{place}", f"Response of {output.name} to a unit step of {name}")
+    return page.svg(axis.figure, f"step{place}", f"Response of {output.name} to a unit step of {name}")
 
 
 def _bode(output: Output, name: str, place: str) -> str:
     axes = _axes(output, 4.0, 2)
     diagrams.draw_bode({"model": output.pairs[name].bode()}, axes, unit=gain_unit(name, output.name))
     _titled(axes[0], output, name)
-    return svg(axes[0].figure, f"bode{place}", f"Bode diagram from {name} to {output.name}")
+    return page.svg(axes[0].figure, f"bode{place}", f"Bode diagram from {name} to {output.name}")
 
 
 def _poles(output: Output, name: str, place: str) -> str:
     (axis,) = _axes(output, 3.0)
     draw_poles_of({name: output.pairs[name]}, axis)
     _titled(axis, output, name)
-    return svg(axis.figure, f"poles{place}", f"Poles and zeros from {name} to {output.name}")
+    return page.svg(axis.figure, f"poles{place}", f"Poles and zeros from {name} to {output.name}")
 
 
 def _note(text: str) -> str:
-    return f'<p class="note">{words(text)}</p>'
+    return f'<p class="note">{page.words(text)}</p>'
 
 
 def _of_fit(outputs: Sequence[Output]) -> str:
@@ -244,10 +239,10 @@ def _left(output: Output, place: int, *, several: bool) -> str:
     found, dt, parts = output.correlations, output.log.dt, []
     heading = f"<h3>{html.escape(output.name)}</h3>" if several else ""
     for i, name in enumerate(["", *output.pairs]):
-        axis, each = blank_figure(HALF, 2.3).subplots(), found[max(i - 1, 0)]
+        axis, each = blank_figure(page.HALF, 2.3).subplots(), found[max(i - 1, 0)]
         diagrams.draw_cross(each, dt, axis, name) if name else diagrams.draw_auto(each, dt, axis)
-        said = correlation_in_words(each, name)
-        parts.append(drawn(said, svg(axis.figure, f"left{place}-{i}", said)))
+        said = tables.correlation_in_words(each, name)
+        parts.append(drawn(said, page.svg(axis.figure, f"left{place}-{i}", said)))
     return heading + "".join(parts)
 
 
@@ -255,23 +250,20 @@ def _gains(outputs: Sequence[Output]) -> str:
     rows = []
     for output in outputs:
         for name, model in output.pairs.items():
-            gain, times = tables.gain_and_times(model)
+            gain, times = gain_and_times(model, uncertain)
             gain = f"{gain} {gain_unit(name, output.name)}".strip()
             rows.append((_said(output, name), gain, f"{model.transfer_function.delay:.4g}", "; ".join(times)))
-    return table(("from, to", "DC gain", "dead time [s]", "time constants [s]"), rows, "Gains")
+    return page.table(("from, to", "DC gain", "dead time [s]", "time constants [s]"), rows, "Gains")
 
 
 def _coefficients(outputs: Sequence[Output]) -> str:
     rows = []
     for output in outputs:
         for name, model in output.pairs.items():
-            known = model.uncertainty
-            stds: Sequence[float | None] = [None] * model.parameters.size if known is None else known.std.tolist()
-            labels = symbols(model.structure, name, output.name)
-            for label, value, std in zip(labels, model.parameters.tolist(), stds, strict=True):
-                rows.append((Html(f"{html.escape(_said(output, name))}: {label}"), uncertain(value, std)))
+            for label, estimate in tables.estimates(model, name, output.name):
+                rows.append((page.Html(f"{html.escape(_said(output, name))}: {label}"), estimate))
     note = f'<p class="note">{tables.UNCERTAIN}</p>'
-    return table(("coefficient", "estimate ± std"), rows, "Coefficients") + note
+    return page.table(("coefficient", "estimate ± std"), rows, "Coefficients") + note
 
 
 def _origin(outputs: Sequence[Output]) -> str:
@@ -280,4 +272,4 @@ def _origin(outputs: Sequence[Output]) -> str:
     for each in outputs:
         rejected = rejected_in_words(each.fitted.rejected) or "none"
         said.append((f"{each.name}, used", f"{each.fitted.samples:,} samples; rejected: {rejected}"))
-    return facts([*said, ("versions", tables.versions())])
+    return page.facts([*said, ("versions", tables.versions())])

@@ -1,16 +1,19 @@
-"""A page that stands alone: its frame and style, and uPlot, which draws its interactive plots.
+"""A page that stands alone: its frame and style, its pictures (SVG), and uPlot, which draws what can be zoomed.
 
-They belong to the package but not to the repository: `hatch_build.py` fetches them when the package is built.  Where
-that failed, those of the package uplot-python are used.
+uPlot belongs to the package but not to the repository: `hatch_build.py` fetches it when the package is built.  Where
+that failed, that of the package uplot-python is used.
 """
 
 from __future__ import annotations
 
+import base64
 import html
 import importlib.util
+import io
 import json
+import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from functools import cache
 from importlib import resources
@@ -18,7 +21,13 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+import numpy as np
+
 from replant.errors import MissingDependencyError
+from replant.numerics.arguments import FloatArray
+from replant.plotting import style
+from replant.plotting.over_time import POINTS, SHOWN_SMALL, Curve, Panel, draw_panels, thin, within_reason
+from replant.plotting.style import blank_figure
 
 OWN = "uPlot.iife.min.js", "uPlot.min.css"
 UPLOT_PYTHON = "uPlot.iife.js", "uPlot.min.css"
@@ -32,9 +41,9 @@ def uplot() -> tuple[str, str]:
     spec = importlib.util.find_spec("uplot")  # need not be imported for its files
     places += [(Path(folder, "static"), UPLOT_PYTHON) for folder in (spec and spec.submodule_search_locations) or ()]
     for folder, names in places:
-        script, style = (folder.joinpath(name) for name in names)
-        if script.is_file() and style.is_file():
-            return script.read_text(encoding="utf-8"), style.read_text(encoding="utf-8")
+        library, css = (folder.joinpath(name) for name in names)
+        if library.is_file() and css.is_file():
+            return library.read_text(encoding="utf-8"), css.read_text(encoding="utf-8")
     raise MissingDependencyError(
         "the report and the dashboard need uPlot, which was not fetched when replant was installed: "
         "install npm and then replant once more, or: pip install --no-deps uplot-python"
@@ -153,3 +162,150 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str, kin
 
 def _escaped(cell: str) -> str:
     return cell if isinstance(cell, Html) else words(cell)
+
+
+HALF, WHOLE = 4.5, 7.4  # half and whole width of the page [inches]
+MOST_TRANSIENTS = 6  # transients in a picture, so that each fits on a sheet of paper [count]
+PARAMETER_POINTS = 120_000  # points of all transients together [count]
+LARGEST = 3e38  # what float32 holds [number]
+HEIGHTS = {"output": 280, "input": 130, "residual": 140, "eigenvalue": 140, "condition": 140}  # of a chart [px]
+HEIGHT = 170  # of any other chart [px]
+
+# the variables of the page's style sheet, by the figures' colours
+VARIABLES = {
+    style.MEASURED: "measured", style.MODEL: "model", style.RESIDUAL: "residual", style.INPUT: "input",
+    style.TRUTH: "truth", style.INK: "ink", style.MUTED: "muted", style.GRID: "grid",
+}  # fmt: skip
+VARIABLES |= {colour: f"line-{i}" for i, colour in enumerate(style.COLOURS) if colour not in VARIABLES}
+_LOOK: Any = {"svg.fonttype": "none", "font.size": 10.0, "axes.titlesize": 10.0, "legend.fontsize": 9.5}
+
+
+def look() -> Any:
+    """Return the matplotlib context in which the pictures of a page are made."""
+    import matplotlib as mpl
+
+    return mpl.rc_context(_LOOK)
+
+
+def svg(figure: Any, name: str, said: str = "", *, themed: bool = True) -> str:
+    """Return a matplotlib figure as an ``svg`` element, with a text alternative."""
+    import matplotlib as mpl
+
+    buffer = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
+    for size in ("width", "height"):
+        text = re.sub(rf'(<svg[^>]*?) {size}="[^"]*"', r"\1", text, count=1)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'(href="#|url\(#)', rf"\1{name}-", text)
+    text = re.sub(r'(?<= d=")[^"]*', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), text)
+    for colour, name_there in VARIABLES.items() if themed else ():
+        text = re.sub(rf"{colour}\b", f"var(--{name_there})", text, flags=re.IGNORECASE)
+    return text.replace("<svg", f'<svg role="img" aria-label="{html.escape(said)}"', 1) if said else text
+
+
+def time_picture(name: str, drawn: Sequence[Panel], said: str) -> str:
+    """Return the panels of a section as a picture, or as several."""
+    if name == "parameters":
+        parts = [drawn[first : first + MOST_TRANSIENTS] for first in range(0, len(drawn), MOST_TRANSIENTS)]
+        return "".join(_transients(part, f"parameters{k}", said) for k, part in enumerate(parts))
+    ratios = [2.2 if panel.name.startswith("output") else 1.0 for panel in drawn]
+    height = 0.5 + sum(ratios) if name == "fit" else 2.7
+    axes = blank_figure(WHOLE, height).subplots(len(drawn), 1, sharex=True, height_ratios=ratios)
+    draw_panels(axes, drawn)
+    if name == "fit":
+        for axis, panel in zip(axes, drawn, strict=True):
+            if len(panel.curves) > 1:
+                style.legend(axis)
+    else:
+        for axis in axes:
+            axis.set_ylabel(axis.get_ylabel().replace(" ", "\n"))
+    return svg(axes[0].figure, name, said)
+
+
+def _transients(drawn: Sequence[Panel], name: str, said: str) -> str:
+    rows = -(-len(drawn) // 2)
+    grid = blank_figure(WHOLE, 0.5 + 1.6 * rows).subplots(rows, 2, squeeze=False)
+    axes = list(grid.flat[: len(drawn)])
+    draw_panels(axes, drawn, SHOWN_SMALL, titled=True)
+    style.legend(axes[0])
+    for axis in grid.flat[len(drawn) :]:
+        axis.set_axis_off()
+    return svg(axes[0].figure, name, said)
+
+
+def picture(
+    name: str, said: str, size: tuple[float, float], draw: Callable[[Any], object], rows: int = 1, **layout: Any
+) -> str:
+    """Return what ``draw`` puts into an axis, or into several below each other, as an ``svg`` element."""
+    axes = blank_figure(*size).subplots(rows, 1, sharex=True, squeeze=False, **layout)[:, 0]
+    draw(axes if rows > 1 else axes[0])
+    return svg(axes[0].figure, name, said)
+
+
+def charts_of(panels: Mapping[str, Sequence[Panel]]) -> dict[str, list[dict[str, Any]]]:
+    """Return the panels of each section as data for the browser; none of one that words stand in for."""
+    found = {}
+    for name, drawn in panels.items():
+        few = any(panel.words or len(panel.curves[0].t) < (2 if panel.is_log else 0) for panel in drawn)
+        size = sum(1 + (curve.std is not None) for panel in drawn for curve in panel.curves if curve.kind != "constant")
+        points = max(200, PARAMETER_POINTS // max(size, 1)) if name == "parameters" else POINTS
+        found[name] = [] if few else [_chart(panel, points) for panel in drawn]
+    for chart in found.get("parameters", ())[1:]:
+        chart["quiet"] = True  # one legend serves all
+    return found
+
+
+def _chart(panel: Panel, points: int) -> dict[str, Any]:
+    limits = panel.limits if panel.limits and all(map(math.isfinite, panel.limits)) else None
+    drawn = thin(panel.curves[0].t, points)
+    curves = [entry for curve in panel.curves for entry in _entries(curve, panel, points)]
+    chart: dict[str, Any] = {
+        "name": panel.name,
+        "label": panel.label,
+        "height": HEIGHTS.get(panel.name.rstrip("0123456789"), HEIGHT),
+        **_times(drawn.among(panel.curves[0].t)),
+        "empty": not any(np.isfinite(curve.values).any() for curve in panel.curves),
+        "curves": curves,
+        "limits": limits and [math.log10(limit) for limit in limits] if panel.is_log else limits,
+    }
+    if panel.left_out is not None and panel.gaps is not None:
+        chart |= {"left_out": panel.left_out.tolist(), "gaps": panel.gaps.tolist()}
+    return chart
+
+
+def _times(t: FloatArray) -> dict[str, Any]:
+    """Return when points are: evenly spaced ones in three numbers."""
+    start, step = (float(t[0]) if t.size else 0.0), (float(t[1] - t[0]) if t.size > 1 else 1.0)
+    even = {"start": start, "step": step, "count": t.size}
+    if np.allclose(t, start + step * np.arange(t.size), rtol=0.0, atol=1e-3 * step):
+        return even
+    return even | {"times": base64.b64encode(t.astype("<f8").tobytes()).decode("ascii")}
+
+
+def _entries(curve: Curve, panel: Panel, points: int) -> list[dict[str, Any]]:
+    """Return a curve, and its band, as data for the browser."""
+    scaled = np.log10 if panel.is_log else np.asarray
+    entry = {"label": curve.label, "role": VARIABLES[curve.colour]}
+    if curve.kind == "constant":
+        return [entry | {"kind": "constant", "value": float(scaled(curve.values)[0])}]
+    values = within_reason(curve.values, panel.limits) if panel.limits else curve.values
+    kind = "decades" if panel.is_log else curve.kind
+    found = [entry | {"kind": kind} | packed(thin(scaled(values), points).values)]
+    if curve.std is not None and np.isfinite(curve.std).any():
+        found.append(entry | {"label": curve.band, "kind": "band"} | packed(thin(curve.std, points).values))
+    return found
+
+
+def packed(values: FloatArray) -> dict[str, Any]:
+    """Return values (V,) as base64 of little-endian float32, and the offset that was taken off to keep their digits."""
+    finite = values[np.isfinite(values)]
+    offset = float(0.5 * finite.min() + 0.5 * finite.max()) if finite.size else 0.0
+    if not abs(offset) < LARGEST:
+        offset = 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = np.clip(values - offset, -LARGEST, LARGEST)
+    return {"data": base64.b64encode(moved.astype("<f4").tobytes()).decode("ascii"), "offset": offset}

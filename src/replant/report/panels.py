@@ -249,10 +249,10 @@ def draw_steps(models: Mapping[str, Model], axis: Any) -> None:
     axis.set(xlabel="time [s]", ylabel="step response")
 
 
-def draw_poles_of(models: Mapping[str, Model], axis: Any) -> None:
-    """Draw the poles and zeros of each model with their 95 % regions."""
+def draw_poles_of(models: Mapping[str, Model], ax: Any = None, *, truth: Any = None) -> Any:
+    """Draw the poles and zeros of each model with their 95 % regions; return the axes."""
     plants = ((name, model.transfer_function, regions(model)) for name, model in models.items())
-    diagrams.draw_poles({name: (g.poles, g.zeros, known) for name, g, known in plants}, axis)
+    return diagrams.draw_poles({name: (g.poles, g.zeros, known) for name, g, known in plants}, ax, truth=truth)
 
 
 def regions(model: Model) -> list[tuple[complex, FloatArray]]:

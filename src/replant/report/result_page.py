@@ -21,11 +21,10 @@ from replant.online.runs.result import Result
 from replant.plotting.diagrams import draw_auto, draw_cross, draw_validation
 from replant.plotting.numbers import gain_unit, mathml, number, of_integrator, percent, uncertain, with_unit
 from replant.report import contents as tables
-from replant.report import figures, page_figures
+from replant.report import figures
+from replant.report import page_frame as page
 from replant.report.contents import Material
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
-from replant.report.page_figures import HALF
-from replant.report.page_frame import asset, code, filled, folded, icon, script, table, uplot, words, write_page
 from replant.report.python_programs import run_as_python
 from replant.verdict.verdict import percent as share
 
@@ -36,7 +35,7 @@ def section(validations: Sequence[tuple[str, Validation]]) -> str:
     """Return the section; empty without another log."""
     if not validations:
         return ""
-    found = table(HEADINGS, [_row(*each) for each in validations], "Validation on other logs", "table wide")
+    found = page.table(HEADINGS, [_row(*each) for each in validations], "Validation on other logs", "table wide")
     figures = "".join(_figure(f"other{number}", *each) for number, each in enumerate(validations))
     return f"<section><h2>On other logs</h2>{found}{figures}</section>"
 
@@ -56,12 +55,12 @@ def _row(name: str, found: Validation) -> tuple[str, ...]:
 
 
 def _figure(element: str, name: str, found: Validation) -> str:
-    axes = draw_validation(found, size=(page_figures.WHOLE, 4.6))
+    axes = draw_validation(found, size=(page.WHOLE, 4.6))
     said = (
         f"{name}: measured output and the model's, {found.how}, with offset and initial state estimated. "
         + " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in found.verdict.reasons)
     )
-    return drawn(said, page_figures.svg(axes[0].figure, element, said))
+    return drawn(said, page.svg(axes[0].figure, element, said))
 
 
 NO_MODEL = "<p>G(s) could not be estimated.</p>"
@@ -94,11 +93,11 @@ def write_report(
         python = python or run_as_python(result, log)
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
     with np.errstate(all="ignore"):  # figures that are not finite are reported in words
-        plots = page_figures.charts_of(material.panels)
+        plots = page.charts_of(material.panels)
         fields = _fields(material, plots, command, python)
         fields["verdict"] = verdict_of(findings(result, len(log)), advice)
     fields["candidates"] = "" if candidates is None else candidates_of(candidates)
-    with page_figures.look(), np.errstate(all="ignore"):
+    with page.look(), np.errstate(all="ignore"):
         fields["other_logs"] = section(validations)
     title = title or log.path.name or "Simulated record"
     return with_plots(path, "report.html", fields, plots, title=title, lede=_lede(material))
@@ -106,18 +105,18 @@ def write_report(
 
 def with_plots(path: Path, template: str, fields: dict[str, str], plots: Any, *, title: str, lede: str) -> Path:
     """Write a report from its template, with the data of its plots and the scripts that draw them."""
-    library, css = uplot()
-    return write_page(
-        path, title=title, eyebrow="Identified model", lede=lede, body=filled(template, fields), css=css, data=plots,
-        scripts=(library, script("format.js", "chart.js", "report.js")),
+    library, css = page.uplot()
+    return page.write_page(
+        path, title=title, eyebrow="Identified model", lede=lede, body=page.filled(template, fields), css=css,
+        data=plots, scripts=(library, page.script("format.js", "chart.js", "report.js")),
     )  # fmt: skip
 
 
 def candidates_of(candidates: tuple[Sequence[str], Sequence[Sequence[str]], str]) -> str:
     """Return the table of a search, folded: its headings, its rows, and what is to be said of the rest."""
     headings, rows, rest = candidates
-    tried = table(headings, rows, "Structures tried", "table wide")
-    return folded("Structures tried", tried + (f'<p class="note">{words(rest)}</p>' if rest else ""))
+    tried = page.table(headings, rows, "Structures tried", "table wide")
+    return page.folded("Structures tried", tried + (f'<p class="note">{page.words(rest)}</p>' if rest else ""))
 
 
 def _fields(material: Material, plots: dict[str, list[dict[str, Any]]], command: str, python: str) -> dict[str, str]:
@@ -125,35 +124,35 @@ def _fields(material: Material, plots: dict[str, list[dict[str, Any]]], command:
     note = CONTRADICTED if found[0].gravity == BAD else ""
     note = note if all(each.usable for each in found) else DO_NOT_USE
     return {
-        "zoom": asset("zoom.html"),
+        "zoom": page.asset("zoom.html"),
         "model_note": note,
         "long": " long" if material.result.structure.poles > BESIDE else "",
         "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
         "figures": _figures(material),
         **_sections(material, plots),
-        "coefficients": folded("Coefficients", tables.coefficients(material)),
+        "coefficients": page.folded("Coefficients", tables.coefficients(material)),
         "pole_table": tables.poles(material),
-        "reproduce": folded("How to reproduce this", reproduction(command, python)),
-        "origin": folded("Record and versions", tables.origin(material)),
+        "reproduce": page.folded("How to reproduce this", reproduction(command, python)),
+        "origin": page.folded("Record and versions", tables.origin(material)),
     }
 
 
 def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
     """Return the figures, each with its caption."""
     said = {
-        "fit": page_figures.of_fit(material),
-        "parameters": page_figures.of_transients(material),
-        "excitation": page_figures.of_excitation(material),
+        "fit": tables.of_fit(material),
+        "parameters": tables.of_transients(material),
+        "excitation": tables.of_excitation(material),
     }
     result, log, found, truth = material.result, material.log, material.correlations, material.true_plant
 
-    def still(name: str, height: float, draw: Callable[[Any], object], width: float = HALF, **more: Any) -> str:
-        words: str = getattr(page_figures, f"of_{name}")(material)
-        return drawn(words, page_figures.picture(name, words, (width, height), draw, **more))
+    def still(name: str, height: float, draw: Callable[[Any], object], width: float = page.HALF, **more: Any) -> str:
+        said: str = getattr(tables, f"of_{name}")(material)
+        return drawn(said, page.picture(name, said, (width, height), draw, **more))
 
-    with page_figures.look():
+    with page.look():
         over_time = {
-            name: drawn(said[name], page_figures.time_picture(name, panels, said[name]), plots[name]) if panels else ""
+            name: drawn(said[name], page.time_picture(name, panels, said[name]), plots[name]) if panels else ""
             for name, panels in material.panels.items()
         }
         of: dict[str, Any] = {"truth": truth, **material.labels}
@@ -164,13 +163,13 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
         return {
             "fit": over_time["fit"],
             "transients": f"<h3>Parameter estimates</h3>{over_time['parameters']}" if over_time["parameters"] else "",
-            "excitation": folded("Excitation", over_time["excitation"]),
+            "excitation": page.folded("Excitation", over_time["excitation"]),
             "auto": still("auto", 2.3, lambda axis: draw_auto(found, log.dt, axis)),
             "cross": still("cross", 2.3, lambda axis: draw_cross(found, log.dt, axis)),
             "poles": still("poles", 4.2, lambda axis: figures.draw_poles_and_zeros(result, truth=truth, ax=axis)),
             "bode": bode,
-            "step": still("step", 2.6, lambda axis: figures.draw_step(result, ax=axis, **of), width=page_figures.WHOLE),
-            "spectrum": folded("Spectrum of what is left", spectrum),
+            "step": still("step", 2.6, lambda axis: figures.draw_step(result, ax=axis, **of), width=page.WHOLE),
+            "spectrum": page.folded("Spectrum of what is left", spectrum),
         }
 
 
@@ -179,7 +178,7 @@ def drawn(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
     columns = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
     live = f'<div class="live{columns}">{"".join(map(_room, plots))}</div>' if plots else ""
     kind = ' class="both"' if plots else ""
-    return f'<figure{kind}>{live}<div class="still">{picture}</div><figcaption>{words(said)}</figcaption></figure>'
+    return f'<figure{kind}>{live}<div class="still">{picture}</div><figcaption>{page.words(said)}</figcaption></figure>'
 
 
 def _room(plot: dict[str, Any]) -> str:
@@ -216,20 +215,20 @@ def verdict_of(found: Sequence[Finding], advice: tuple[str, str] | None, of: str
     lead = next((each for each in found if each.gravity == GOOD), first) if first.gravity == WARN else first
     others = [each for each in found if each is not lead]
     more = "".join(
-        f'<li class="{other.gravity}">{icon(other.gravity)}<span><b>{html.escape(other.headline)}.</b> '
-        f"{words(other.text)}</span></li>"
+        f'<li class="{other.gravity}">{page.icon(other.gravity)}<span><b>{html.escape(other.headline)}.</b> '
+        f"{page.words(other.text)}</span></li>"
         for other in others
     )
-    reasons = "".join(f"<p>{words(each)}</p>" for each in lead.more)
+    reasons = "".join(f"<p>{page.words(each)}</p>" for each in lead.more)
     count = "one more reason" if len(lead.more) == 1 else f"{len(lead.more)} more reasons"
     headline = f"{of}: {lead.headline}" if of else lead.headline
     if advice is not None:
         headline += f": {advice[0]}"
-        reasons += code("shell", advice[1])
+        reasons += page.code("shell", advice[1])
         count = f"{count}, and the command" if lead.more else "the command"
     return (
-        f'<section class="verdict {first.gravity}" aria-label="Verdict">{icon(first.gravity)}<div>'
-        f"<h2>{html.escape(headline)}</h2><p>{words(lead.text)}</p>"
+        f'<section class="verdict {first.gravity}" aria-label="Verdict">{page.icon(first.gravity)}<div>'
+        f"<h2>{html.escape(headline)}</h2><p>{page.words(lead.text)}</p>"
         + (f"<ul>{more}</ul>" if more else "")
         + (f'<details class="fold"><summary>{count.capitalize()}</summary>{reasons}</details>' if reasons else "")
         + "</div></section>"
@@ -259,4 +258,4 @@ def in_small(text: str) -> str:
 def reproduction(command: str, python: str) -> str:
     """Return the command and the program that make a result again."""
     parts = [("In a shell", "shell", command), ("In Python", "python", python)]
-    return "".join(f"<h3>{name}</h3>{code(kind, text)}" for name, kind, text in parts if text)
+    return "".join(f"<h3>{name}</h3>{page.code(kind, text)}" for name, kind, text in parts if text)

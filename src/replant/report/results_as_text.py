@@ -194,19 +194,41 @@ def parameter_table(
     return table(list(columns), zip_longest(*columns.values(), fillvalue=""))
 
 
+POLE = ("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
+Write = Callable[[float, float | None], str]  # a figure with its standard deviation, as a page or a terminal has it
+
+
+def stds_of(model: Model) -> list[float | None]:
+    """Return the standard deviation of each coefficient; None where it is not known."""
+    return [None] * model.parameters.size if model.uncertainty is None else [*model.uncertainty.std.tolist()]
+
+
+def modes_of(model: Model, write: Write) -> list[list[str]]:
+    """Return frequency, damping and time constant of each pole."""
+    modes = model.transfer_function.modes
+    stds: Sequence[tuple[float | None, ...]] = [(None, None, None)] * len(modes)
+    if model.uncertainty is not None:
+        stds = [(each.frequency_std, each.damping_std, each.time_constant_std) for each in model.uncertainty.modes]
+    return [
+        [*map(write, (mode.frequency, mode.damping, mode.time_constant), std)]
+        for mode, std in zip(modes, stds, strict=True)
+    ]
+
+
+def gain_and_times(model: Model, write: Write) -> tuple[str, list[str]]:
+    """Return the DC gain, and the time constant of each pole."""
+    known = model.uncertainty
+    gain = write(float(model.transfer_function.dc_gain), None if known is None else known.dc_gain_std)
+    return gain, [time_constant for *_, time_constant in modes_of(model, write)]
+
+
 def _mode_table(model: Model) -> Any:
-    """Return the table of poles: frequency, damping and time constant, with standard deviations if known."""
     rows = []
-    uncertain = model.uncertainty.modes if model.uncertainty else None
-    for i, mode in enumerate(model.transfer_function.modes):
-        known = uncertain and uncertain[i]
-        stds = (known.frequency_std, known.damping_std, known.time_constant_std) if known else (None, None, None)
-        cells = [*map(with_std, (mode.frequency, mode.damping, mode.time_constant), stds)]
+    for mode, (frequency, damping, time) in zip(model.transfer_function.modes, modes_of(model, with_std), strict=True):
         pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
-        if not mode.pole.imag:
-            cells[1] = f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
-        rows.append([pole, *cells])
-    return table(("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]"), rows)
+        damping = damping if mode.pole.imag else f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
+        rows.append([pole, frequency, damping, time])
+    return table(POLE, rows)
 
 
 def _row_coefficients(model: RowModel) -> Any:
@@ -222,15 +244,10 @@ def _row_coefficients(model: RowModel) -> Any:
 
 def _row_gains(model: RowModel) -> Any:
     """Return the table of DC gain, dead time and time constants from each input."""
-    known, rows = model.uncertainty, []
-    for number, (name, g) in enumerate(zip(model.input_names, model.transfer_functions, strict=True)):
-        gain = with_std(g.dc_gain, known[number].dc_gain_std if known else None)
-        modes = known[number].modes if known else [None] * len(g.modes)
-        constants = (
-            with_std(mode.time_constant, None if std is None else std.time_constant_std)
-            for mode, std in zip(g.modes, modes, strict=True)
-        )
-        rows.append([name, gain, f"{g.delay:.4g}", ", ".join(constants)])
+    rows = []
+    for number, name in enumerate(model.input_names):
+        gain, times = gain_and_times(model.of_input(number), with_std)
+        rows.append([name, gain, f"{model.structures[number].delay:.4g}", ", ".join(times)])
     return table(("input", "DC gain", "dead time [s]", "time constants [s]"), rows)
 
 
@@ -252,14 +269,12 @@ def cells_of(entry: Contender, size: int) -> list[str]:
     result = entry.result
     if result is None:
         return ["no model", *["–"] * (len(OUTCOME) - 1 + size)]
-    known = result.uncertainty
-    stds: Sequence[float | None] = [None] * size if known is None else known.std.tolist()
     return [
         without_reasons(result.verdict.status, excited=result.verdict.excited),
         percent(result.simulation.fit),
         percent(result.one_step),
         f"{result.elapsed:.2f} s",
-        *(uncertain(value, std) for value, std in zip(result.parameters.tolist(), stds, strict=True)),
+        *map(uncertain, result.parameters.tolist(), stds_of(result.model)),
     ]
 
 
