@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from replant.workbench.drawn_samples import BUCKET, CancelledError, Clock, Column, Samples, buckets_of, doubts
-from replant.workbench.tasks import thinned
+from replant.workbench.tasks import look, thinned
 from support.cases import every
 
 
@@ -84,3 +84,8 @@ def test_doubts_name_gaps_missing_outputs_and_stuck_sensors_but_no_rest() -> Non
     u[90:160] = 0.0  # the input rests as well: the output may
     assert [each.begin for each in doubts(t, u, y)] == [200.0, 299.0]
     assert doubts(np.zeros(0), None, None) == []
+
+
+def test_what_is_left_out_of_a_file_is_said(motor: Path) -> None:
+    motor.write_text("Motor of rig 7\n" + motor.read_text())
+    assert ["Note", "line 1 is above the names, and left out"] in look(str(motor), ("", "", ""))["findings"]

@@ -59,7 +59,8 @@ def look(path: str, chosen: tuple[str, str, str]) -> dict[str, Any]:
     clock = found.clock
     column = None if clock is None or math.isnan(clock.dt) else clock.column
     told["clock_number"] = None if column is None else column.number
-    told["findings"] = [list(each) for each in findings_of(found)]
+    notes = [("Note", each.removeprefix(f"{path}: ")) for each in found.table.notes]
+    told["findings"] = [list(each) for each in (*findings_of(found), *notes)]
     told["delay"] = found.delay
     told["doubts"] = [vars(each) for each in doubts(*_seen(found))]
     return told
