@@ -40,9 +40,10 @@ class Stretch(NamedTuple):
     @classmethod
     def of(cls, given: Any) -> Self:
         """Return a stretch that a page, or a file, gives as [begin, end]."""
-        begin, end = _pair(given)
-        begin = max(begin, 0.0)
-        if not begin < (math.inf if end is None else end):
+        if not isinstance(given, list | tuple) or len(given) != 2:
+            raise InvalidArgumentError("a stretch must be [begin, end]")
+        begin, end = max(_number("begin", given[0]), 0.0), None if given[1] is None else _number("end", given[1])
+        if end is not None and not begin < end:
             raise InvalidArgumentError("a stretch of time ends after it begins: drag over some width")
         return cls(begin, end)
 
@@ -186,15 +187,6 @@ def _stretches(given: Any) -> tuple[Stretch, ...]:
     if len(found) > MOST_STRETCHES:
         raise InvalidArgumentError(f"at most {MOST_STRETCHES} stretches of one kind are kept: join some")
     return tuple(found)
-
-
-def _pair(given: Any) -> tuple[float, float | None]:
-    if isinstance(given, dict):
-        given = [given.get("begin"), given.get("end")]
-    if not isinstance(given, list | tuple) or len(given) != 2:
-        raise InvalidArgumentError("a stretch must be [begin, end]")
-    begin, end = given
-    return _number("begin", begin), None if end is None else _number("end", end)
 
 
 def _number(name: str, given: Any) -> float:

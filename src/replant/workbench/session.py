@@ -111,7 +111,7 @@ class Session:
             self._revision += 1
             self._publish(self.view())
             if self._timer is None and self.kept_in is not None:
-                self._timer = threading.Timer(SAVING, self._keep)
+                self._timer = threading.Timer(SAVING, self.keep)
                 self._timer.daemon = True
                 self._timer.start()
             return self._revision
@@ -299,15 +299,12 @@ class Session:
             self.active = kept["active"] if kept["active"] in self.logs else self.active
         self.changed()
 
-    def _keep(self) -> None:
-        with self.lock:
-            self._timer = None
-        self.keep()
-
     def keep(self) -> None:
         """Write the session into its file."""
         if self.kept_in is None:
             return
+        with self.lock:
+            self._timer = None
         with contextlib.suppress(OSError), replacing(self.kept_in) as new:  # a full disk must not stop the work
             new.write_text(self.written(), encoding="utf-8")
 
