@@ -170,13 +170,13 @@ def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     with_bands, without = (
         Material(case.result, case.log, case.result.fixed_filter, rp.Preprocess()) for case in (uncertain, plain)
     )
-    assert "with bands of two standard deviations" in words.of_transients(with_bands)
-    assert "bands" not in words.of_transients(without)
+    assert "with bands of two standard deviations" in words.of_parameters(with_bands)
+    assert "bands" not in words.of_parameters(without)
     history = dataclasses.replace(plain.result.history, std=np.full_like(plain.result.history.parameters, np.nan))
     unknown = dataclasses.replace(without, result=dataclasses.replace(plain.result, history=history))
-    assert "bands" not in words.of_transients(unknown)
+    assert "bands" not in words.of_parameters(unknown)
     held = int((plain.result.history.parameters != 0.0).any(axis=1).argmax()) + 1
-    assert f"The first estimate is made from the first {held * plain.log.dt:g} s." in words.of_transients(without)
+    assert f"The first estimate is made from the first {held * plain.log.dt:g} s." in words.of_parameters(without)
     size = np.sqrt(np.mean((plain.log.output - plain.result.simulation.output) ** 2))
     assert f"root mean square of the residual is {size:.3g} rpm" in words.of_fit(without)
     assert words.of_bode(without).endswith("rpm/V.")

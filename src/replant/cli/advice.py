@@ -139,10 +139,6 @@ def _dead_time(situation: Situation) -> NextStep:
     return _search(situation) if found is None else NextStep("set the dead time", again(delay=found[1]))
 
 
-def _look_at_rows(situation: Situation) -> NextStep:
-    return _look(situation, "look which of input and output a row records first; move the output down")
-
-
 def _without_stamps(situation: Situation) -> NextStep:
     found = re.search(r"in their place, dt = ([\d.e+-]+) s", situation.reason)
     given = {} if found is None else {"dt": found[1]}
@@ -202,10 +198,7 @@ def _repeat(words: str, *without: str, **options: object) -> Callable[[Situation
     return lambda situation: NextStep(words, again(*without, **options))
 
 
-def _detrended(_: Situation) -> NextStep:
-    return NextStep("take the straight line off", f"{again()} --detrend")
-
-
+_rows = partial(_look, words="look which of input and output a row records first; move the output down")
 _move = partial(_look, words="move the input and record again; what it did in this record")
 _sensor = partial(_look, words="look at the output: check the sensor, its range and its cable")
 _clock = _repeat("let the time stamps count", "dt")
@@ -217,7 +210,7 @@ _default = _repeat("use the method by default", "optimizer", "method", "startup"
 #: What reasons say, and what to do; the first that fits counts.
 STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"far from its others", _repeat("make these cells of the input empty, and repeat")),
-    (r"drifts along a straight line", _detrended),
+    (r"drifts along a straight line", lambda _: NextStep("take the straight line off", f"{again()} --detrend")),
     (COLUMN, _column),
     (FEWER, _fewer),
     (r"the input is constant|has rested|hardly moves|came to rest", _move),
@@ -228,7 +221,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"have a gap every", _without_stamps),
     (r"the actuator seems", _look),
     (r"run straight between|runs straight between", _straight),
-    (r"before its row", _look_at_rows),
+    (r"before its row", _rows),
     (r"than the model says", _dead_time),
     (r"the initial state takes a part", _at_rest),
     (

@@ -11,19 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from replant.cli import results
 from replant.cli.messages import note, progress_bar
 from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
-from replant.cli.results import (
-    REQUIRE,
-    check_required,
-    kept,
-    make_folder,
-    model_clock,
-    print_rest,
-    validated,
-    whole_log,
-    write_errors_reported,
-)
 from replant.cli.run_fit_compare_options import compare_options, open_log
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.examples import NAMES, path_of
@@ -65,12 +55,12 @@ def look_command(
     found = inspect(log, input=input_column, output=output_column, time=time_column)
     for left_out in found.table.notes:
         note(left_out)
-    make_folder(out)
+    results.make_folder(out)
     path = None
     if out is not None:
         from replant.report.figures import save_columns
 
-        with write_errors_reported(out):
+        with results.write_errors_reported(out):
             path = save_columns(out, found)
     if as_json:
         click.echo(json.dumps(look_as_json(found), allow_nan=False))
@@ -86,13 +76,13 @@ def look_command(
 @path_option("--out", "DIR", "Folder.  [default: the current one]", default=".")
 def examples_command(out: Path) -> None:
     """Write motor.csv and motor-step.csv, records of a DC motor, with their licence; a file that exists is kept."""
-    make_folder(out)
+    results.make_folder(out)
     for name in NAMES:
         file = out / (name if name.endswith(".csv") else "motor-LICENSE")
         if file.exists():
             click.echo(f"kept {file}, which exists")
             continue
-        with write_errors_reported(out), path_of(name) as source:
+        with results.write_errors_reported(out), path_of(name) as source:
             shutil.copyfile(source, file)
         click.echo(f"wrote {file}")
 
@@ -125,7 +115,7 @@ def show_command(model: Path, as_json: bool) -> None:
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.  [default: the log's, or the model's]")
 @flag("--json", "Print a JSON list, an object a log.", "as_json")
 @path_option("--out", "DIR", "Write a plot (PNG) a log here.")
-@REQUIRE
+@results.REQUIRE
 def validate_command(
     model: Path, logs: tuple[Path, ...], as_json: bool, out: Path | None, required: str | None, **columns: Any
 ) -> None:
@@ -133,24 +123,24 @@ def validate_command(
     loaded = load_model(model)
     if not logs:
         raise click.UsageError(f"name the logs to compare the model with: replant validate {model} LOG")
-    make_folder(out)
+    results.make_folder(out)
     columns["input_column"] = columns["input_column"] or loaded.input_name
     columns["output_column"] = columns["output_column"] or loaded.output_name
     found = []
     for path in logs:
-        clock = model_clock(path, columns, loaded.dt)
+        clock = results.model_clock(path, columns, loaded.dt)
         if isinstance(loaded, MatrixModel):
             found += _of_rows(loaded, path, columns | clock)
         else:
-            found += validated(loaded, [path], columns | clock)
+            found += results.validated(loaded, [path], columns | clock)
     if len({name for name, _ in found}) < len(found):
         found = [(str(path), each) for path, (_, each) in zip(logs, found, strict=True)]
     written = [] if out is None else _plots(found, out)
     if as_json:
         click.echo(json.dumps([validation_as_json(each, name) for name, each in found], allow_nan=False))
     else:
-        print_rest(found, written)
-    check_required(required, [each.verdict for _, each in found])
+        results.print_rest(found, written)
+    results.check_required(required, [each.verdict for _, each in found])
 
 
 def _of_rows(model: MatrixModel, path: Path, columns: dict[str, Any]) -> list[tuple[str, Validation]]:
@@ -161,14 +151,14 @@ def _of_rows(model: MatrixModel, path: Path, columns: dict[str, Any]) -> list[tu
     if {*map(without_unit, named)} == {*map(without_unit, model.output_names)}:
         named = model.output_names
     pairs = zip(model.rows, named, strict=True)
-    each = [(row, validated(row, [path], columns | {"output_column": name})) for row, name in pairs]
+    each = [(row, results.validated(row, [path], columns | {"output_column": name})) for row, name in pairs]
     return [(f"{name}, {row.output_name}", one) for row, found in each for name, one in found]
 
 
 def _plots(found: list[tuple[str, Validation]], out: Path) -> list[Path]:
     """Write a plot for each log; return the files."""
     files: list[Path] = []
-    with write_errors_reported(out):
+    with results.write_errors_reported(out):
         for name, each in found:
             stem = Path(name).stem
             taken = sum(file.name.startswith(f"{stem}-validation") for file in files)
@@ -201,12 +191,12 @@ def compare_models(options: dict[str, Any]) -> bool:
     columns["input_column"] = options["input_column"] or first.input_name
     columns["output_column"] = options["output_column"] or first.output_name
     out: Path | None = options["out"]
-    make_folder(out)
-    log = whole_log(path, columns | model_clock(path, columns, first.dt))
+    results.make_folder(out)
+    log = results.whole_log(path, columns | results.model_clock(path, columns, first.dt))
     comparison = compare_saved(models, log)
     written: list[Path] = []
     if out is not None:
-        with write_errors_reported(out):
+        with results.write_errors_reported(out):
             written.append(out / "models.png")
             comparison.plot()[0].figure.savefig(written[0], dpi=110)
             written.append(write_models(out / "report.html", comparison, command_line()))
@@ -215,7 +205,7 @@ def compare_models(options: dict[str, Any]) -> bool:
         click.echo(json.dumps(found, allow_nan=False))
     else:
         _print(comparison)
-        print_rest([], written)
+        results.print_rest([], written)
     return True
 
 
@@ -266,7 +256,7 @@ def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], *
     from rich.console import Console
 
     log, request = open_log(options)
-    make_folder(out)
+    results.make_folder(out)
     methods = tuple(dict.fromkeys(methods))
     with progress_bar() as progress:
         task = progress.add_task("", total=len(methods))
@@ -281,16 +271,16 @@ def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], *
     if out is not None:
         from replant.report.compared_page import save_figures, write_comparison
 
-        with write_errors_reported(out):
+        with results.write_errors_reported(out):
             paths += save_figures(out, contenders, log, request.preprocess)
             paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
     if as_json:
         named = [
             entry if (found := entry.result) is None
-            else dataclasses.replace(entry, result=dataclasses.replace(found, model=kept(found.model, log)))
+            else dataclasses.replace(entry, result=dataclasses.replace(found, model=results.kept(found.model, log)))
             for entry in contenders
         ]  # fmt: skip
         click.echo(json.dumps(comparison_as_json(named), allow_nan=False))
         return
     print_comparison(Console(), contenders, request.structure, len(log))
-    print_rest([], paths)
+    results.print_rest([], paths)

@@ -153,7 +153,7 @@ def deliver(
     *,
     as_json: bool,
     out: Path | None,
-    more: dict[str, Any] | None = None,
+    more: dict[str, Any],
     **report: Any,
 ) -> None:
     """Print a result, write its plots and its report, save and validate its model."""
@@ -177,7 +177,7 @@ def deliver(
             report["advice"] = None if step is None else (step.words, step.command)
             paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
-        echo_json(result_as_json(result) | (more or {}), validations)
+        echo_json(result_as_json(result) | more, validations)
     else:
         record = record_line(len(log) - log.rest, log.dt, log.duration)
         print_result(Console(), result, record=record, lead="" if step is None else step.words)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import click
 
+from replant.cli import results
 from replant.cli.advice import OTHER_LOG, NextStep, again
 from replant.cli.conditioning_options import is_conditioned
 from replant.cli.messages import is_quiet, progress_bar
@@ -27,17 +28,6 @@ from replant.cli.option_types import (
     path_option,
     refuse_not_yet,
     refuse_ranges,
-)
-from replant.cli.results import (
-    CONDITIONED,
-    Keeping,
-    check_required,
-    deliver,
-    echo_json,
-    keeping_options,
-    make_folder,
-    print_rest,
-    write_errors_reported,
 )
 from replant.cli.run_fit_compare_options import (
     OPTIMIZER,
@@ -81,7 +71,7 @@ from replant.report.python_programs import fit_as_python, row_as_python
 @OPTIMIZER
 @click.option("--startup", type=int, metavar="N", help="Number of samples for the first model.  [default: a tenth]")
 @path_option("--full-trace", "FILE", "Write the estimate after each sample (.parquet).")
-@keeping_options
+@results.keeping_options
 def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
     """Identify G(s) online from LOG (csv, mat, parquet and more; - is standard input), sample by sample in one pass.
 
@@ -93,7 +83,7 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
     Several inputs, each with -i, give a transfer function from each, as `replant fit` does: -p 2,1 --delay 0,0.3.
     Several outputs, each with -o, give a row of these each.
     """
-    keeping = Keeping.of(options)
+    keeping = results.Keeping.of(options)
     if are_several(options):
         identify_rows(_passed_over(startup), as_json, keeping, out, options | {"full_trace": full_trace})
         return
@@ -111,7 +101,7 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
         structures = possible if len(possible) > 1 else []
         recording = recording_of(options, lambda rows, about: progress("checking", rows, about))
         request = request_of(options, recording.dt)
-        make_folder(out)
+        results.make_folder(out)
         total = recording.samples
         result = _run(
             recording, request, full_trace, startup, lambda stage, done: progress(stage, done, total), structures
@@ -127,7 +117,7 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
     if structures and not as_json:
         click.echo(as_text.weights_in_words(result))
     more = as_text.weights_as_json(result) if structures else {}
-    deliver(result, log, keeping, as_json=as_json, out=out, more=more)
+    results.deliver(result, log, keeping, as_json=as_json, out=out, more=more)
 
 
 def _side_by_side(options: dict[str, Any]) -> list[Structure]:
@@ -160,7 +150,7 @@ def _run(
 @click.command(name="fit")
 @fit_options
 @click.option("--method", type=Choice(METHODS), default="auto", show_default=True, help="Method of the fit.")
-@keeping_options
+@results.keeping_options
 def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) -> None:
     """Fit G(s) to all of LOG (csv, mat, parquet and more; - is standard input).
 
@@ -177,7 +167,7 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
     """
     from rich.console import Console
 
-    keeping, begun = Keeping.of(options), time.perf_counter()
+    keeping, begun = results.Keeping.of(options), time.perf_counter()
     more, report = dict[str, Any](), dict[str, Any]()
     if are_several(options):
         identify_rows(_fitted, as_json, keeping, out, options | {"method": method})
@@ -189,7 +179,7 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
         if options["feedthrough"]:
             raise click.UsageError("a range of structures is searched without --feedthrough: give one number of each")
         logs = read_several(options)
-        make_folder(out)
+        results.make_folder(out)
         zeros = (0,) if options["zeros"] is None and len(options["poles"]) == 1 else options["zeros"]
         asked = {"poles": options["poles"], "zeros": zeros, "delays": options["delay"], "bias": options["bias"]}
         found = _searched(logs, **asked, preprocess=preprocess_of(options))
@@ -202,13 +192,13 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
         structure_of(options)
         logs = read_several(options)
         request = request_of(options, logs[0].dt)
-        make_folder(out)
+        results.make_folder(out)
         fitted = fit(_given(logs), structure=request.structure, method=method, preprocess=request.preprocess)
     log = as_one(logs)
     report |= {"filter": fitted.fixed_filter, "preprocess": fitted.preprocess}
     report["python"] = fit_as_python(fitted, logs)
     result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
-    deliver(result, log, keeping, as_json=as_json, out=out, more=more, **report)
+    results.deliver(result, log, keeping, as_json=as_json, out=out, more=more, **report)
 
 
 def _searched(logs: list[Log], **asked: Any) -> SearchResult:
@@ -272,7 +262,9 @@ def _passed_over(startup: int | None) -> Solver:
     return row_of
 
 
-def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | None, options: dict[str, Any]) -> None:
+def identify_rows(
+    solve: Solver, as_json: bool, keeping: results.Keeping, out: Path | None, options: dict[str, Any]
+) -> None:
     """Identify a row for each output, print them, save and validate their model, and write a report."""
     begun = time.perf_counter()
     named = (options[name] for name in ("input_column", "output_column"))
@@ -281,7 +273,7 @@ def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | No
     asked = orders_of(options, inputs)
     columns = [{"input_column": inputs, "output_column": each} for each in outputs]
     records = _of_one_output([read_several(options | each) for each in columns])
-    make_folder(out)
+    results.make_folder(out)
     rows, programs, searches, validations = [], [], [], list[tuple[str, Validation]]()
     for logs, each in zip(records, columns, strict=True):
         row, program, search_of = solve(logs, asked)
@@ -295,7 +287,7 @@ def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | No
     model = MatrixFit(tuple(rows)).model if len(rows) > 1 else rows[0].model
     paths = keeping.save(model)
     if out is not None:
-        python = CONDITIONED if is_conditioned(click.get_current_context().params) else "\n\n".join(programs)
+        python = results.CONDITIONED if is_conditioned(click.get_current_context().params) else "\n\n".join(programs)
         paths += _reported(out, rows, [as_one(logs) for logs in records], python, validations, searches)
     if as_json:
         whole = model_json.as_object(rows[0].model)
@@ -303,7 +295,7 @@ def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | No
             whole = model_json.rows_object([row.model for row in rows])
         tried = [as_text.candidates_as_json(each) for each in searches]
         whole |= {"candidates": tried if len(rows) > 1 else tried[0]} if tried else {}
-        echo_json(whole | {"elapsed_seconds": round(time.perf_counter() - begun, 3)}, validations)
+        results.echo_json(whole | {"elapsed_seconds": round(time.perf_counter() - begun, 3)}, validations)
     else:
         _print_rows(rows, records, searches)
         step = None
@@ -312,8 +304,10 @@ def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | No
             chosen = {} if not searches or len(rows) > 1 else _orders(rows[0])
             again_with = again(**chosen, save="model.json", validate=OTHER_LOG)
             step = NextStep("keep the model; check it on another log", again_with)
-        print_rest(validations, paths, step)
-    check_required(keeping.required, [*(row.verdict for row in rows), *(each.verdict for _, each in validations)])
+        results.print_rest(validations, paths, step)
+    results.check_required(
+        keeping.required, [*(row.verdict for row in rows), *(each.verdict for _, each in validations)]
+    )
 
 
 def _print_rows(rows: Sequence[RowFit], records: Sequence[list[Log]], searches: Sequence[SearchResult]) -> None:
@@ -346,7 +340,7 @@ def _reported(
     from replant.report.result_page import candidates_of
 
     shown = [Output(*each) for each in zip(rows, logs, strict=True)]
-    with write_errors_reported(out):
+    with results.write_errors_reported(out):
         paths = save_figures(out, shown)
         tried = "".join(candidates_of((as_text.HEADINGS, as_text.rows_of(each), each.rest)) for each in searches)
         more: dict[str, Any] = {"validations": validations, "candidates": tried}

@@ -245,7 +245,7 @@ def of_fit(material: Material) -> str:
     )
 
 
-def of_transients(material: Material) -> str:
+def of_parameters(material: Material) -> str:
     """Return the caption of the parameter estimates over time."""
     if (np.abs(material.result.parameters) > style.FARTHEST).any():
         return "Each parameter's estimate over time; estimates that diverged are not drawn."

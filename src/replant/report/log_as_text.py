@@ -243,11 +243,10 @@ def _response(found: Inspection) -> str:
         )
     if seen is None:
         return f"no response of {pair} stands out in the cross-correlation, nor does a model of one pole explain it"
-    known = found.clock is not None and not math.isnan(found.clock.dt)
-    dt = found.clock.dt if known and found.clock is not None else math.nan
+    dt = math.nan if found.clock is None else found.clock.dt
 
     def lag(samples: float) -> str:
-        return interval(samples * dt) if known else f"{samples:.3g} samples"
+        return f"{samples:.3g} samples" if math.isnan(dt) else interval(samples * dt)
 
     if seen.peak == 0:
         begins = (

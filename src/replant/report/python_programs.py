@@ -37,7 +37,7 @@ def run_as_python(result: Result, log: Log) -> str:
     assert result.settings is not None
     lines = [
         identifier_as_python(result.settings),
-        f"trace = ident.update_many({_signals(log)}{_stamps(log)}{_reference(log, 'r')})",
+        f"trace = ident.update_many({', '.join(_given(log, 'r'))})",
         *(["ident.finish()"] if result.finished else []),
         "print(ident.transfer_function)",
     ]
@@ -48,12 +48,12 @@ def fit_as_python(fitted: FitResult, logs: Sequence[Log]) -> str:
     """Return the Python program that repeats an offline fit of logs."""
     log, several = logs[0], len(logs) > 1
     state_filter = f"    filter=rp.{_call(fitted.filter.fixed)}," if fitted.filter.fixed else ""
-    signals = "logs" if several else f"{_signals(log)}, dt={log.dt!r}"
-    others = [] if several else [_stamps(log), _reference(log, "reference")]
+    signals, *others = _given(log, "reference")
+    signals, others = ("logs", []) if several else (f"{signals}, dt={log.dt!r}", others)
     lines = [
         "fitted = rp.fit(",
         f"    {signals}, structure=rp.{_call(fitted.structure)}, method={fitted.method!r},",
-        *(f"    {argument[2:]}," for argument in others if argument),
+        *(f"    {argument}," for argument in others),
         *([state_filter] if state_filter else []),
         f"    preprocess=rp.{_call(fitted.preprocess)},",
         ")",
@@ -68,9 +68,10 @@ def row_as_python(model: RowModel, logs: Sequence[Log], startup: int | None = No
     orders = ", ".join(f"{name}={tuple(getattr(one, name) for one in each)!r}" for name in ("poles", "zeros", "delay"))
     log, several = logs[0], len(logs) > 1
     if startup is not None:
+        references = [each for each in _given(log, "r") if each.startswith("r=")]
         lines = [
             f"ident = rp.Identifier({orders}, dt={log.dt!r}, startup={startup}, input_hold={log.input_hold!r})",
-            f"trace = ident.update_many(log.inputs, log.output, log.stamps{_reference(log, 'r')})",
+            f"trace = ident.update_many({', '.join(['log.inputs, log.output, log.stamps', *references])})",
             "ident.finish()",
             "print(ident.model)",
         ]
@@ -79,22 +80,16 @@ def row_as_python(model: RowModel, logs: Sequence[Log], startup: int | None = No
     return "\n".join([_open_several(logs) if several else _open(log), *lines])
 
 
-def _signals(log: Log) -> str:
-    return "log.input, log.output" if log.path.name else "u, y"
-
-
-def _stamps(log: Log) -> str:
-    """Return the argument that hands over the time stamps of an irregular clock; nothing for a regular one."""
-    if log.stamps is None:
-        return ""
-    return f", t={'log.stamps' if log.path.name else 't'}"
-
-
-def _reference(log: Log, argument: str) -> str:
-    """Return the argument that hands over the reference, or several, where there is one."""
-    if not log.reference_name:
-        return ""
-    return f", {argument}={('log.references' if log.more_references else 'log.reference') if log.path.name else 'r'}"
+def _given(log: Log, reference: str) -> list[str]:
+    """Return the arguments that hand over signals, the stamps of an irregular clock, and references, where they are."""
+    is_read = bool(log.path.name)
+    found = ["log.input, log.output" if is_read else "u, y"]
+    if log.stamps is not None:
+        found.append(f"t={'log.stamps' if is_read else 't'}")
+    if log.reference_name:
+        read = "log.references" if log.more_references else "log.reference"
+        found.append(f"{reference}={read if is_read else 'r'}")
+    return found
 
 
 def _open(log: Log) -> str:

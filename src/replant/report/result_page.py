@@ -139,20 +139,18 @@ def _fields(material: Material, plots: dict[str, list[dict[str, Any]]], command:
 
 def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
     """Return the figures, each with its caption."""
-    said = {
-        "fit": tables.of_fit(material),
-        "parameters": tables.of_transients(material),
-        "excitation": tables.of_excitation(material),
-    }
     result, log, found, truth = material.result, material.log, material.correlations, material.true_plant
 
+    def said(name: str) -> str:
+        caption: str = getattr(tables, f"of_{name}")(material)
+        return caption
+
     def still(name: str, height: float, draw: Callable[[Any], object], width: float = page.HALF, **more: Any) -> str:
-        said: str = getattr(tables, f"of_{name}")(material)
-        return drawn(said, page.picture(name, said, (width, height), draw, **more))
+        return drawn(said(name), page.picture(name, said(name), (width, height), draw, **more))
 
     with page.look():
         over_time = {
-            name: drawn(said[name], page.time_picture(name, panels, said[name]), plots[name]) if panels else ""
+            name: drawn(said(name), page.time_picture(name, panels, said(name)), plots[name]) if panels else ""
             for name, panels in material.panels.items()
         }
         of: dict[str, Any] = {"truth": truth, **material.labels}

@@ -62,8 +62,7 @@ def print_result(
         _say(console, "Fit", _fits(result.simulation.fit, result.simulation.how, result.one_step))
     else:
         console.print("No model yet: the record gave no estimate.\n", highlight=False)
-    if record:
-        _say(console, "Record", record)
+    _say(console, "Record", record)
     _say(console, "Samples", _samples(result.samples, result.rejected))
     clock = result.clock
     if clock is not None and clock.irregular:
@@ -96,13 +95,11 @@ def print_row(console: Any, model: RowModel, *, record: str = "") -> None:
         console.print(shown)
         console.print()
     _say(console, "Fit", _fits(model.simulated_fit, "simulated from the inputs alone", model.one_step_fit))
-    if record:
-        _say(console, "Record", record)
+    _say(console, "Record", record)
     _say(console, "Samples", _samples(model.provenance.samples, dict(model.rejected)))
     levels = ", ".join(f"{level:.5g}" for level in model.input_levels.tolist())
     _say(console, "Rest", f"output {model.output_level:.5g} at inputs {levels}")
-    if not record:
-        _say(console, "Made of", _source(model))
+    _say(console, "Made of", "" if record else _source(model))
     print_verdict(console, model.verdict)
 
 
@@ -118,7 +115,9 @@ def print_verdict(console: Any, verdict: Verdict, lead: str = "") -> None:
 
 
 def _say(console: Any, heading: str, text: str) -> None:
-    console.print(f"{heading:{INDENT}}{text}", highlight=False, markup=False)
+    """Print a text behind its heading; nothing where there is none."""
+    if text:
+        console.print(f"{heading:{INDENT}}{text}", highlight=False, markup=False)
 
 
 def _print_lines(console: Any, lines: Sequence[str]) -> None:
