@@ -14,7 +14,7 @@ import click
 from replant.cli import results
 from replant.cli.messages import note, progress_bar
 from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
-from replant.cli.run_fit_compare_options import compare_options, open_log
+from replant.cli.run_fit_compare_options import compare_options, read, request_of, structure_of
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.examples import NAMES, path_of
 from replant.fitting.log_inspection import inspect
@@ -255,7 +255,9 @@ def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], *
     """
     from rich.console import Console
 
-    log, request = open_log(options)
+    structure_of(options)  # before the log is read: a mistake costs no time
+    log = read(options)
+    request = request_of(options, log.dt)
     results.make_folder(out)
     methods = tuple(dict.fromkeys(methods))
     with progress_bar() as progress:

@@ -157,13 +157,6 @@ def compare_options(otherwise: Callable[[dict[str, Any]], bool]) -> Option:
     return checked_options(*columns, _STRUCTURE, _CONDITION, _REST, _OUT, several=several, otherwise=otherwise)
 
 
-def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
-    """Read the log and make the request that the options describe."""
-    structure_of(options)
-    log = read(options)
-    return log, request_of(options, log.dt)
-
-
 def read_several(options: dict[str, Any]) -> list[Log]:
     """Read the logs that the options name, which are fitted together; say where two hold the same samples."""
     logs = [read(options | {"log": path}) for path in options["logs"]]

@@ -17,8 +17,8 @@ from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model.preprocess import rejected_in_words
 from replant.numerics.arguments import FloatArray
-from replant.numerics.robust import joined, stretches_of
 from replant.numerics.residuals import Correlations
+from replant.numerics.robust import joined, stretches_of
 from replant.online.runs.result import MOST_SHADES, Clock
 from replant.plotting import diagrams, style
 from replant.plotting.numbers import gain_unit, mathml, percent, uncertain, with_unit

@@ -25,17 +25,19 @@ ROLES = ("input", "output", "reference")
 
 
 class Opened:
-    """A log with what is known of it and what was chosen for it."""
+    """A log with what is known of it and what was chosen for it, now or in an earlier session; else it is guessed."""
 
-    def __init__(self, name: str, path: Path, work: Work, changed: Callable[[], object]) -> None:
+    def __init__(
+        self, name: str, path: Path, work: Work, changed: Callable[[], object], setup: Setup, wish: Wish
+    ) -> None:
         self.name, self.path = name, path
-        self.setup, self.wish = Setup(), Wish()
+        self.setup, self.wish = setup, wish
         self.look: dict[str, Any] = {}
         self.state, self.error, self.rows, self.about = INSPECTING, "", 0, 0
         self.modified = _modified(path)
         self.samples = Samples(path)
         self._work, self._changed = work, changed
-        self._is_new, self._again, self._closed = True, False, False
+        self._is_new, self._again, self._closed = not setup.input, False, False
         self._lock = threading.Lock()
         self._busy = False
 
@@ -105,10 +107,6 @@ class Opened:
         if self._is_new:
             self._is_new = False
             self.setup = guessed(self.setup, self.look)
-
-    def restored(self, setup: Setup, wish: Wish) -> None:
-        """Take what was chosen in an earlier session, in place of what is guessed."""
-        self.setup, self.wish, self._is_new = setup, wish, not setup.input
 
     def _drawn(self) -> list[int]:
         """Return the columns to read: those with a role, and others as far as there is room."""

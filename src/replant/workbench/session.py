@@ -141,7 +141,7 @@ class Session:
 
     # --- logs ---
 
-    def open(self, path: Path, setup: Setup | None = None, wish: Wish | None = None, name: str = "") -> Opened:
+    def open(self, path: Path, setup: Setup = Setup(), wish: Wish = Wish(), name: str = "") -> Opened:  # noqa: B008
         """Open a log, or go to it where it is open."""
         path = path.absolute()
         path = path / "samples" if (path / "samples").is_dir() else path  # of a live session
@@ -150,9 +150,7 @@ class Session:
             if same is None:
                 if len(self.logs) >= MOST_LOGS:
                     raise InvalidArgumentError(f"{MOST_LOGS} logs are open: close some first")
-                same = Opened(name or self._next("log"), path, self.work, self.changed)
-                if setup is not None:
-                    same.restored(setup, wish or Wish())
+                same = Opened(name or self._next("log"), path, self.work, self.changed, setup, wish)
                 self.logs[same.name] = same
                 same.refresh()
             self.active = same.name

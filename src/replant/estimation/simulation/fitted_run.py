@@ -24,9 +24,9 @@ from replant.model.state_space import Response, Stretch
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import BoolArray, FloatArray, vector
 from replant.numerics.autoregression import places_on_grid
-from replant.numerics.residuals import ErrorSums, OutputSums
 from replant.numerics.linear_algebra import combined, quiet, sum_of_squares
 from replant.numerics.projections import amounts_of, lengths_of
+from replant.numerics.residuals import ErrorSums, OutputSums
 from replant.numerics.robust import last_known
 
 FEWEST = 4  # outputs for each unknown of its state that a part behind a gap needs, else the state takes it up [count]
