@@ -116,7 +116,7 @@ def test_a_model_of_one_input_is_validated_by_one() -> None:
 @every(
     "references, words",
     [
-        (["ra", "ra"], "name each column once, got 'a', 'y', 'ra', 'b', 'ra'"),
+        (["ra", "ra"], "name each column once, got 'a', 'b', 'y', 'ra', 'ra'"),
         (["ra", "b"], "name each column once"),
         (["ra", "y"], "name each column once"),
         (["ra", "rc"], "reference must name a column, got 'rc'; there are t, a, b, y, ra, rb"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,21 @@ def test_an_irregular_clock_of_a_table_counts() -> None:
     fitted = rp.fit(late, input="u", output="y", poles=1)
     assert fitted.usual_interval == pytest.approx(DT)
     np.testing.assert_allclose(fitted.parameters, WANTED, rtol=0.05)
+
+
+def test_a_table_is_read_as_a_file_of_it_is(tmp_path: Path) -> None:
+    """The input is written where it changes, three rows stand twice, and the clock counts milliseconds."""
+    changes = np.append(True, np.diff(U) != 0.0)
+    sparse = TABLE.assign(u=np.where(changes, U, np.nan)).rename(columns={"t": "time [ms]"})
+    sparse["time [ms]"] *= 1000.0
+    sparse = sparse.loc[[*range(100), 99, 99, 99, *range(100, 600)]].reset_index(drop=True)
+    sparse.to_csv(tmp_path / "log.csv", index=False)
+    with pytest.warns(UserWarning, match=r"log.csv: .*(hold from each|repeat)"):
+        of_file = rp.fit(rp.read_log(tmp_path / "log.csv", input="u", output="y"), poles=1)
+    with pytest.warns(UserWarning, match=r"the table: .*(hold from each|repeat)"):
+        fitted = rp.fit(sparse, input="u", output="y", poles=1)
+    np.testing.assert_array_equal(fitted.parameters, of_file.parameters)
+    np.testing.assert_allclose(fitted.parameters, WANTED, rtol=1e-9)
 
 
 def test_three_arrays_make_a_log() -> None:

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.estimation.engine.record import Record, ready_record
 from replant.estimation.simulation.fitted_run import FittedRun
 from replant.fitting.model import reference_of
+from replant.logs.frame import is_frame, log_of_frame
 from replant.logs.log import Log, unused, without_rest
 from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
 from replant.model.structure import Structure
@@ -23,7 +24,6 @@ from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.numerics.limits import increasing
 from replant.verdict import Simulation, fit_percent, simulate
 
-CLOCKS = ("t", "time", "timestamp")
 # a gap of any length begins a new part; none of the estimate depends on it
 BETWEEN = 10.0  # gap between two logs that are fitted together [longest interval beside it]
 SAME_CLOCK = 1e-3  # difference of two logs' sampling times up to which they are the same [part]
@@ -259,77 +259,3 @@ class RawRecord:
     def one_step(self, residual: FloatArray) -> FloatArray:
         """Return the one-step prediction error (K,) of a free run's residual (K,)."""
         return one_step(residual) if self.stamps is None else one_step_with_lost(residual, self.stamps, self.dt)
-
-
-def is_frame(value: Any) -> bool:
-    """Return whether a value is a table with named columns."""
-    return hasattr(value, "columns") and hasattr(value, "__getitem__") and not isinstance(value, np.ndarray)
-
-
-def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | None, reference: Any) -> Log:  # noqa: A002
-    """Return the log of a table's columns; its clock is ``dt``, ``time``, a column t or time, or the index."""
-    names = [str(name) for name in frame.columns]
-    if input is None or output is None:
-        raise ArgumentTypeError(f"name columns of the table, input=... and output=...; there are {', '.join(names)}")
-    first, *more = input if isinstance(input, list | tuple) and input else [input]
-    r, *references = reference if isinstance(reference, list | tuple) and reference else [reference]
-    roles = {"input": first, "output": output, "t": time, "reference": r}
-    given = [*roles.items(), *(("input", name) for name in more), *(("reference", name) for name in references)]
-    for role, name in given:
-        if name is not None and (not isinstance(name, str) or name not in names):
-            raise InvalidArgumentError(f"{role} must name a column, got {shown(name)}; there are {', '.join(names)}")
-    named = [name for _, name in given if name is not None]
-    if len(set(named)) < len(named):
-        raise InvalidArgumentError(f"name each column once, got {', '.join(map(shown, named))}")
-    signals = {role: _numbers(frame, name) for role, name in roles.items() if name is not None}
-    found = [name for name in names if name.lower() in CLOCKS and name not in roles.values()]
-    if time is None and len(found) == 1:
-        signals["t"] = _numbers(frame, found[0])
-    stamps = None if dt is not None else signals.get("t", _of_index(frame))
-    if dt is None:
-        if stamps is None:
-            raise InvalidArgumentError(
-                "the table has no column t, time or timestamp: give dt, or t, the name of its clock"
-            )
-        steps = np.diff(stamps)
-        dt = float(f"{np.median(steps):.12g}") if steps.size else 1.0
-    beside = [name for name in names if name not in {*roles.values(), *found}]
-    others = {name: _numbers(frame, name) for name in beside if np.asarray(frame[name]).dtype.kind in "iufb"}
-    return Log(
-        signals["input"], signals["output"], dt, stamps, first, output,
-        reference=signals.get("reference"), reference_name=r or "", others=others, more_inputs=tuple(more),
-        more_references=tuple(references),
-    )  # fmt: skip
-
-
-def _of_index(frame: Any) -> FloatArray | None:
-    index = getattr(frame, "index", None)
-    if index is None:
-        return None
-    values, name = _without_zone(np.asarray(index)), str(getattr(index, "name", None) or "")
-    # whole numbers may count the rows, whatever they are called but a clock
-    is_clock = values.dtype.kind in "mM" or name.lower() in CLOCKS or (name and values.dtype.kind == "f")
-    return _seconds(values) if is_clock else None
-
-
-def _numbers(frame: Any, name: str) -> FloatArray:
-    try:
-        return _seconds(_without_zone(np.asarray(frame[name])))
-    except (TypeError, ValueError):
-        raise ArgumentTypeError(f"column {shown(name)} of the table holds no numbers or times; convert it") from None
-
-
-def _without_zone(values: Any) -> Any:
-    """Return times with a zone, which NumPy has as objects, as its own; all others as they are."""
-    if values.dtype.kind != "O" or not len(values) or not all(hasattr(each, "timestamp") for each in values):
-        return values
-    # pandas has them exactly
-    since = [each.value if hasattr(each, "value") else round(1e9 * each.timestamp()) for each in values]
-    return np.array(since, "datetime64[ns]")
-
-
-def _seconds(values: Any) -> FloatArray:
-    """Return numbers as float64, and dates or durations as s since the first."""
-    if values.dtype.kind in "mM":
-        return np.asarray((values - values[0]) / np.timedelta64(1, "s"), np.float64)
-    return np.asarray(values, np.float64)

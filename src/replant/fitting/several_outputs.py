@@ -14,8 +14,9 @@ from replant.fitting.miso_fit import RowFit, columns_of, is_row
 from replant.fitting.miso_model import RowModel, number_of
 from replant.fitting.model import Model
 from replant.fitting.model_file import AnyPath
-from replant.fitting.samples import Samples, is_frame
+from replant.fitting.samples import Samples
 from replant.fitting.validation import Validation
+from replant.logs.frame import is_frame
 from replant.logs.log import Log, check_one_reference
 from replant.model import interop
 from replant.model.interop import without_unit
