@@ -9,8 +9,8 @@ from replant.estimation.engine.record import Record, gaps_of
 from replant.estimation.optimizers.optimizer import rounded
 from replant.estimation.settings import filter_for
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
-from replant.estimation.simulation.fitted_run import FittedRun, Score, simulate, triangle_of, weights_of
-from replant.estimation.simulation.model_run import model_output, runs_away
+from replant.estimation.simulation.fitted_run import FittedRun, simulate, triangle_of, weights_of
+from replant.estimation.simulation.model_run import Score, model_output, runs_away
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.robust import flags_of, joined, stretches_of

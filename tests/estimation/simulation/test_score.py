@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from replant.estimation.simulation.fitted_run import Score
+from replant.estimation.simulation.model_run import Score
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.autoregression import one_step
 from replant.verdict import fit_percent, simulate

@@ -156,16 +156,12 @@ class RecentSamples:
 
     def without_stuck(self) -> RecentSamples:
         """Return them with the output of a stuck sensor as the filters saw it: it says nothing of a model."""
-        if not self.is_stuck.any():
-            return self
         return self.with_output(np.where(self.is_stuck, self.bridged, self.output))
 
     def missing_where_stuck(self) -> RecentSamples:
         """Return them with the outputs of a stuck sensor as ones that are missing."""
-        if not self.is_stuck.any():
-            return self
-        copy, stuck = RecentSamples(self.values.copy()), self.is_stuck
-        copy.doubt[stuck] = Doubt.MISSING
+        copy = RecentSamples(self.values.copy())
+        copy.doubt[self.is_stuck] = Doubt.MISSING
         return copy
 
     def since_last_gap(self, dt: float) -> RecentSamples:

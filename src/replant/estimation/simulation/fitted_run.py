@@ -3,10 +3,6 @@ r"""The run of a model over a record, from the input alone, offset and initial s
 Behind a gap of an irregular clock the run begins anew.  What the input did meanwhile is not known, and so the state is
 not, as at the beginning of the record; the offset is that of the whole record.  Of the samples a small triangle is
 kept, R of the QR decomposition of the nuisances beside what is left.
-
-A record of any length needs one pass: the initial state is fitted over the first 2^18 samples, the offset over all of
-them.  The autoregression D(q) e = w of the residual e and the sum of w^2 follow from the sums of the products
-:math:`e_{k-i} e_{k-j}`: the fit one step ahead needs no second pass either.
 """
 
 from __future__ import annotations
@@ -14,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,16 +19,14 @@ from replant.estimation.engine.record import GAP, gaps_of
 from replant.model.state_space import Response, Stretch
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import BoolArray, FloatArray, vector
-from replant.numerics.autoregression import places_on_grid
 from replant.numerics.linear_algebra import combined, quiet, sum_of_squares
 from replant.numerics.projections import amounts_of, lengths_of
-from replant.numerics.residuals import ErrorSums, OutputSums
 from replant.numerics.robust import last_known
 
 FEWEST = 4  # outputs for each unknown of its state that a part behind a gap needs, else the state takes it up [count]
 RANK_TOLERANCE = 1e-12  # singular value of scaled nuisances that counts as zero: rounding [part of the largest]
 ROWS = 1 << 10  # samples taken into a triangle together: few enough for a cache and for one thread [samples]
-FITTED = 1 << 18  # samples over which the initial state is fitted [samples]
+FITTED = 1 << 18  # samples of the first batch of a record, over which the initial state is fitted [samples]
 
 
 @dataclass(frozen=True)
@@ -223,91 +217,3 @@ def common_offset(triangles: Sequence[FloatArray]) -> float:
         size += float(triangle[:, -2] @ triangle[:, -2])
         power, product = power + float(rest[:, 0] @ rest[:, 0]), product + float(rest[:, 0] @ rest[:, 1])
     return product / power if power > RANK_TOLERANCE**2 * size else 0.0
-
-
-class BatchRun(Protocol):
-    """A model beside a record, batch by batch."""
-
-    offset: float
-
-    def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Take the next samples (K,); return the model's output (K,), and the measured one (K,)."""
-
-
-class Score:
-    """Runs a model from the input alone, and keeps the sums that its fits to the measured output are made from."""
-
-    def __init__(
-        self, model: TransferFunction, dt: float, input_hold: str = "zoh", run: BatchRun | None = None
-    ) -> None:
-        self._run = FittedRun(model, dt, input_hold) if run is None else run
-        self._dt, self._last = dt, math.nan
-        self._batches, self._failed = 0, False
-        self._error, self._output = ErrorSums(), OutputSums()
-
-    def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> FloatArray:
-        """Take the next samples (K,), stamped ``t`` (K,); return the model's output, `shift` not yet added."""
-        if u.size == 0:
-            return np.zeros(0)
-        # the first batch holds `FITTED` samples, or all; for NaN in u stands the last input, NaN in y is left out, and
-        # so are the outputs that answer to inputs from before the record
-        intervals = None  # since the sample before each stamp
-        if t is not None:
-            intervals = np.diff(t, prepend=t[0] - self._dt if math.isnan(self._last) else self._last)
-            self._last = float(t[-1])
-        with np.errstate(over="ignore", invalid="ignore"):
-            modelled, y = self._run.take(u, y, t)
-            self._batches += 1
-            known = np.asarray(np.isfinite(y))
-            self._failed = self._failed or not bool(np.isfinite(modelled[known]).all())
-            if not self._failed:
-                self._output.take(y[known])
-                self._error.take(*_spread(np.where(known, y - modelled, 0.0), known, intervals, self._dt))
-        return modelled
-
-    @property
-    def usable(self) -> bool:
-        """Whether there is something to compare: a modelled output within float64, and a measured output."""
-        return not self._failed and self._output.count > 0
-
-    @property
-    def shift(self) -> float:
-        """Offset of the whole record minus that of the first batch; NaN where the score is not usable."""
-        if not self.usable:
-            return math.nan
-        return self._error.mean if self._batches > 1 else 0.0  # of one batch the offset is the least-squares solution
-
-    @property
-    def offset(self) -> float:
-        """The estimated constant between measured and simulated output."""
-        return self._run.offset + self.shift if self.usable else 0.0
-
-    @property
-    def simulated(self) -> float:
-        """Fit in percent, from the input alone."""
-        return self._fit(self._error.power(self.shift)) if self.usable else -math.inf
-
-    @property
-    def one_step(self) -> float:
-        """Fit in percent, one step ahead: each residual predicted from the residuals before it."""
-        return self._fit(self._error.innovation(self.shift)) if self.usable else math.nan
-
-    def _fit(self, power: float) -> float:
-        spread = self._output.spread
-        if spread == 0.0:
-            return math.nan
-        with np.errstate(over="ignore", invalid="ignore"):
-            return float(100.0 * (1.0 - np.sqrt(max(power, 0.0)) / np.sqrt(spread)))
-
-
-def _spread(
-    error: FloatArray, known: BoolArray, intervals: FloatArray | None, dt: float
-) -> tuple[FloatArray, BoolArray]:
-    """Return residuals (K,), and which are known, with one unknown residual for each sample that was lost."""
-    if intervals is None:
-        return error, known
-    places = places_on_grid(intervals, dt)
-    size = int(places[-1]) + 1
-    spread, there = np.zeros(size), np.zeros(size, bool)
-    spread[places], there[places] = error, known
-    return spread, there

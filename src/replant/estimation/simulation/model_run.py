@@ -11,17 +11,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import SLOWEST, AuxiliaryModel
-from replant.estimation.simulation.fitted_run import Simulation, fit_percent, simulate, triangle_of, weights_of
+from replant.estimation.simulation.fitted_run import (
+    FittedRun,
+    Simulation,
+    fit_percent,
+    simulate,
+    triangle_of,
+    weights_of,
+)
 from replant.kernels.schema import LARGEST
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import FloatArray
+from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.autoregression import places_on_grid
 from replant.numerics.linear_algebra import combined, quiet, roots
+from replant.numerics.residuals import ErrorSums, OutputSums
 
 PER_COEFFICIENT = 10  # samples held out for each, else a model explains a tenth of the noise by chance [samples]
 LONGEST = 3.0  # longest delay that tells other dynamics: a response has decayed to a twentieth [slowest time constants]
@@ -105,37 +115,28 @@ def model_output(
     span = dt * (u.size - 1) if t is None else float(t[-1] - t[0])
     if not runs_away(model.den, span):
         return simulate(model, u, y, dt, input_hold=input_hold, t=t)
-    output = PredictedRun(model, dt, input_hold).take(u, y, t)[0]
+    output = predicted(model, dt, input_hold, u, y, t)[0]
     return Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
 
 
-class PredictedRun:
-    """Predicts the output one step ahead, batch by batch, offset and initial state fitted to each."""
-
-    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
-        self._model, self._dt, self._hold = model, dt, input_hold
-        self.offset = 0.0
-
-    def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Take the next samples (K,); return the model's output (K,), NaN where it has none, and the measured one."""
-        kept = np.isfinite(u) & np.isfinite(y)
-        output = np.full(u.size, np.nan)
-        clock = self._dt * np.arange(u.size) if t is None else t
-        intervals = np.diff(clock[kept], prepend=clock[kept][:1] - self._dt)
-        if t is None and kept.all():
-            intervals = np.array([self._dt])
-        model, error = self._model, None
-        n, m = model.den.size - 1, model.num.size - 1
-        parameters = np.concatenate([model.den[1:], model.num])
-        structure = Structure(n, m, model.delay, feedthrough=n == m)
-        if kept.sum() == 1:  # nothing is predicted from one sample
-            return output, output
-        if kept.any():
-            record = Record(u[kept], y[kept], intervals, self._hold)
-            error = prediction_error(structure, parameters, record, self._dt)
-        if error is not None:
-            output[kept] = y[kept] - error
-        return output, np.where(kept, y, np.nan)
+def predicted(
+    model: TransferFunction, dt: float, input_hold: str, u: FloatArray, y: FloatArray, t: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the output (K,) predicted one step ahead, NaN where a model has none, and the measured one (K,)."""
+    kept, output = np.isfinite(u) & np.isfinite(y), np.full(u.size, np.nan)
+    if kept.sum() <= 1:  # nothing is predicted from one sample
+        return output, output
+    clock = dt * np.arange(u.size) if t is None else t
+    intervals = np.diff(clock[kept], prepend=clock[kept][:1] - dt)
+    if t is None and kept.all():
+        intervals = np.array([dt])
+    n, m = model.den.size - 1, model.num.size - 1
+    parameters = np.concatenate([model.den[1:], model.num])
+    structure = Structure(n, m, model.delay, feedthrough=n == m)
+    error = prediction_error(structure, parameters, Record(u[kept], y[kept], intervals, input_hold), dt)
+    if error is not None:
+        output[kept] = y[kept] - error
+    return output, np.where(kept, y, np.nan)
 
 
 @quiet
@@ -155,3 +156,87 @@ def prediction_error(structure: Structure, parameters: FloatArray, record: Recor
     theta[known:] = weights_of(triangle_of(done.phi[:, known:], done.error))
     done = model.run(theta, record)
     return done.ahead if np.isfinite(done.ahead).all() else None
+
+
+class Score:
+    """Runs a model beside a record batch by batch, and keeps the sums that its fits to the output are made from.
+
+    A record of any length needs one pass: the initial state is fitted over the first batch, the offset over all of
+    them.  The autoregression D(q) e = w of the residual e and the sum of w^2 follow from the sums of the products
+    :math:`e_{k-i} e_{k-j}`: the fit one step ahead needs no second pass either.
+    """
+
+    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh", *, predicts: bool = False) -> None:
+        self._run = FittedRun(model, dt, input_hold)
+        # of a model that runs away the output is predicted, offset and initial state fitted to each batch
+        self._take = partial(predicted, model, dt, input_hold) if predicts else self._run.take
+        self._dt, self._last = dt, math.nan
+        self._batches, self._failed = 0, False
+        self._error, self._output = ErrorSums(), OutputSums()
+
+    def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> FloatArray:
+        """Take the next samples (K,), stamped ``t`` (K,); return the model's output, `shift` not yet added."""
+        if u.size == 0:
+            return np.zeros(0)
+        # for NaN in u stands the last input, NaN in y is left out, and
+        # so are the outputs that answer to inputs from before the record
+        intervals = None  # since the sample before each stamp
+        if t is not None:
+            intervals = np.diff(t, prepend=t[0] - self._dt if math.isnan(self._last) else self._last)
+            self._last = float(t[-1])
+        with np.errstate(over="ignore", invalid="ignore"):
+            modelled, y = self._take(u, y, t)
+            self._batches += 1
+            known = np.asarray(np.isfinite(y))
+            self._failed = self._failed or not bool(np.isfinite(modelled[known]).all())
+            if not self._failed:
+                self._output.take(y[known])
+                self._error.take(*_spread(np.where(known, y - modelled, 0.0), known, intervals, self._dt))
+        return modelled
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is something to compare: a modelled output within float64, and a measured output."""
+        return not self._failed and self._output.count > 0
+
+    @property
+    def shift(self) -> float:
+        """Offset of the whole record minus that of the first batch; NaN where the score is not usable."""
+        if not self.usable:
+            return math.nan
+        return self._error.mean if self._batches > 1 else 0.0  # of one batch the offset is the least-squares solution
+
+    @property
+    def offset(self) -> float:
+        """The estimated constant between measured and simulated output."""
+        return self._run.offset + self.shift if self.usable else 0.0
+
+    @property
+    def simulated(self) -> float:
+        """Fit in percent, from the input alone."""
+        return self._fit(self._error.power(self.shift)) if self.usable else -math.inf
+
+    @property
+    def one_step(self) -> float:
+        """Fit in percent, one step ahead: each residual predicted from the residuals before it."""
+        return self._fit(self._error.innovation(self.shift)) if self.usable else math.nan
+
+    def _fit(self, power: float) -> float:
+        spread = self._output.spread
+        if spread == 0.0:
+            return math.nan
+        with np.errstate(over="ignore", invalid="ignore"):
+            return float(100.0 * (1.0 - np.sqrt(max(power, 0.0)) / np.sqrt(spread)))
+
+
+def _spread(
+    error: FloatArray, known: BoolArray, intervals: FloatArray | None, dt: float
+) -> tuple[FloatArray, BoolArray]:
+    """Return residuals (K,), and which are known, with one unknown residual for each sample that was lost."""
+    if intervals is None:
+        return error, known
+    places = places_on_grid(intervals, dt)
+    size = int(places[-1]) + 1
+    spread, there = np.zeros(size), np.zeros(size, bool)
+    spread[places], there[places] = error, known
+    return spread, there

@@ -11,8 +11,8 @@ import numpy as np
 
 from replant.estimation.filters import Filter
 from replant.estimation.settings import LONGEST_STARTUP, STORED, Request
-from replant.estimation.simulation.fitted_run import FITTED, Score
-from replant.estimation.simulation.model_run import PredictedRun, runs_away
+from replant.estimation.simulation.fitted_run import FITTED
+from replant.estimation.simulation.model_run import Score, runs_away
 from replant.kernels.monitoring.interruptions import INPUT_LEAP
 from replant.model.preprocess import screen
 from replant.model.structure import Structure
@@ -238,7 +238,7 @@ class _Tested:
         hold = settings.filter.input_hold if settings else "zoh"
         model, dt = identifier.transfer_function, identifier.dt
         self._predicts = runs_away(model.den, span)
-        self.score = Score(model, dt, hold, PredictedRun(model, dt, hold) if self._predicts else None)
+        self.score = Score(model, dt, hold, predicts=self._predicts)
         self.record, self.left_out = Recorder(samples, newest), [NONE]
         self.clock = ClockRecorder(identifier.dt, samples, samples if newest is None else KNOTS)
         self._preprocess, self._chosen = request.preprocess, settings.preprocess if settings else None
