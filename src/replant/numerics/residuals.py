@@ -126,8 +126,6 @@ class ErrorSums:
     def take(self, error: FloatArray, known: BoolArray) -> None:
         """Take residuals (K,), zero where they are not known."""
         count = error.size
-        if count == 0:
-            return
         whole, there = np.concatenate([self._past, error]), np.concatenate([self._known_past, known])
         stack = np.ones((LAGS + 2, count))
         for lag in range(LAGS + 1):
