@@ -22,6 +22,7 @@ import math
 
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, whitening
+from replant.kernels.native import inlined
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.schema import Alarm, Doubt
 
@@ -293,14 +294,14 @@ def test_power(s, power):
         s.cusum = 0.0
 
 
-def innovation_power(s, square):
-    """Follow the variance of the filtered residual; return its newest ``square`` over the usual one."""
-    least = LEAST * s.largest_output
-    # not of the residual itself, which varies slowly where it is coloured: a long swing would pass for a change
-    late, usual = max(s.late_innovation, least), max(s.usual_innovation, least)
-    s.late_innovation += SHORT * (min(square, MOST * late) - s.late_innovation)
-    square = min(square, MOST * usual)
-    return square / usual if usual > 0.0 else 0.0
+@inlined
+def follow(late, usual, square, least):
+    """Take the newest ``square`` into a variance lately; return that, the square as far as it counts, the usual one.
+
+    The numbers may be vectors.
+    """
+    usual = max(usual, least)
+    return late + SHORT * (min(square, MOST * max(late, least)) - late), min(square, MOST * usual), usual
 
 
 def watch(s, learned, white):
@@ -314,19 +315,20 @@ def watch(s, learned, white):
     s.residuals_seen += 1.0
     if s.residuals_seen > ENOUGH:
         least = LEAST * s.largest_output
-        s.late_variance += SHORT * (min(square, MOST * max(s.late_variance, least)) - s.late_variance)
-        usual = max(s.usual_variance, least)
-        square = min(square, MOST * usual)
+        s.late_variance, square, usual = follow(s.late_variance, s.usual_variance, square, least)
         power = square / usual if usual > 0.0 else 0.0
+        # of the residual itself, which varies slowly where it is coloured, a long swing would pass for a change
         if s.has_noise_model and s.doubt == Doubt.NONE:
-            power = innovation_power(s, white * white / s.variance_ratio)
+            newest = white * white / s.variance_ratio
+            s.late_innovation, newest, usual = follow(s.late_innovation, s.usual_innovation, newest, least)
+            power = newest / usual if usual > 0.0 else 0.0
         if learned and s.cusum_limit > 0.0:
             test_power(s, power)
         if s.alarm == Alarm.NONE:
             share = max(1.0 / s.residuals_seen, LONG)
             s.usual_variance += share * (square - s.usual_variance)
             if s.has_noise_model and s.doubt == Doubt.NONE:
-                s.usual_innovation += share * (power - 1.0) * max(s.usual_innovation, LEAST * s.largest_output)
+                s.usual_innovation += share * (power - 1.0) * max(s.usual_innovation, least)
     else:
         s.usual_variance += (square - s.usual_variance) / s.residuals_seen
         s.late_variance = s.usual_variance

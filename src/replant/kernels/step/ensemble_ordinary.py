@@ -163,17 +163,12 @@ def watch(s, beside, alpha, white):
     square = s.error * s.error / s.variance_ratio
     s.residuals_seen += 1.0
     least = outliers.LEAST * s.largest_output
-    late = max(s.late_variance, least)
-    s.late_variance += outliers.SHORT * (min(square, outliers.MOST * late) - s.late_variance)
-    usual = max(s.usual_variance, least)
-    square = min(square, outliers.MOST * usual)
+    s.late_variance, square, usual = outliers.follow(s.late_variance, s.usual_variance, square, least)
     power = if_less(0.0, usual, square / usual, 0.0)
     if s.has_noise_model:
         newest = white * white / s.variance_ratio
-        late, expected = max(s.late_innovation, least), max(s.usual_innovation, least)
-        s.late_innovation += outliers.SHORT * (min(newest, outliers.MOST * late) - s.late_innovation)
-        newest = min(newest, outliers.MOST * expected)
-        power = if_less(0.0, expected, newest / expected, 0.0)
+        s.late_innovation, newest, usual = outliers.follow(s.late_innovation, s.usual_innovation, newest, least)
+        power = if_less(0.0, usual, newest / usual, 0.0)
     grown = s.cusum + power - outliers.GROWN
     tests = s.cusum_limit
     s.cusum = if_less(0.0, tests, max(grown, 0.0), s.cusum)
@@ -182,7 +177,7 @@ def watch(s, beside, alpha, white):
     share = max(1.0 / s.residuals_seen, outliers.LONG)
     s.usual_variance += share * (square - s.usual_variance)
     if s.has_noise_model:
-        s.usual_innovation += share * (power - 1.0) * max(s.usual_innovation, outliers.LEAST * s.largest_output)
+        s.usual_innovation += share * (power - 1.0) * usual
 
 
 @inlined

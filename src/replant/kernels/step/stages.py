@@ -206,15 +206,12 @@ def keep_sample(s, recent, u, y, interval):
 
 def keep_guarded_sample(s, u, y, interval):
     """Keep the raw sample, over the oldest one, with the output that the filters saw, the doubt, and the reference."""
-    head = s.recent_head
-    row = s.recent[head]
-    row[at.INPUT], row[at.STEP] = u, interval
-    # what the filters saw stands for an output that is missing
-    row[at.OUTPUT] = s.used_output if s.doubt == Doubt.MISSING else y
+    row = s.recent[s.recent_head]
     row[at.BRIDGED], row[at.DOUBTED] = s.used_output, s.doubt
     if s.has_reference:
         row[at.REFERENCE] = s.reference_now
-    s.recent_head = head + 1 if head + 1 < s.recent_size else 0
+    # what the filters saw stands for an output that is missing
+    keep_sample(s, s.recent, u, s.used_output if s.doubt == Doubt.MISSING else y, interval)
 
 
 def renew_model(s):
