@@ -25,11 +25,9 @@ from replant.fitting.several_outputs import MatrixModel, load_model
 from replant.fitting.validation import Validation
 from replant.model.interop import without_unit
 from replant.online.runs.run_log import METHODS, USUAL, compare
+from replant.report import results_as_text as as_text
 from replant.report.log_as_text import as_json as look_as_json
 from replant.report.log_as_text import print_look
-from replant.report.results_as_text import comparison_as_json as comparison_as_json
-from replant.report.results_as_text import print_comparison, print_kept_model, print_row, table
-from replant.report.results_as_text import validation_as_json as validation_as_json
 
 
 @click.command(name="look")
@@ -99,10 +97,10 @@ def show_command(model: Path, as_json: bool) -> None:
         click.echo(loaded.to_json(), nl=False)
         return
     if isinstance(loaded, Model):
-        print_kept_model(Console(), loaded)
+        as_text.print_kept_model(Console(), loaded)
         return
     for row in loaded.rows if isinstance(loaded, MatrixModel) else (loaded,):
-        print_row(Console(), row)
+        as_text.print_row(Console(), row)
 
 
 @click.command(name="validate")
@@ -137,7 +135,7 @@ def validate_command(
         found = [(str(path), each) for path, (_, each) in zip(logs, found, strict=True)]
     written = [] if out is None else _plots(found, out)
     if as_json:
-        click.echo(json.dumps([validation_as_json(each, name) for name, each in found], allow_nan=False))
+        click.echo(json.dumps([as_text.validation_as_json(each, name) for name, each in found], allow_nan=False))
     else:
         results.print_rest(found, written)
     results.check_required(required, [each.verdict for _, each in found])
@@ -201,7 +199,7 @@ def compare_models(options: dict[str, Any]) -> bool:
             comparison.plot()[0].figure.savefig(written[0], dpi=110)
             written.append(write_models(out / "report.html", comparison, command_line()))
     if options["as_json"]:
-        found = {name: validation_as_json(each, path.name) for name, each in comparison.validations.items()}
+        found = {name: as_text.validation_as_json(each, path.name) for name, each in comparison.validations.items()}
         click.echo(json.dumps(found, allow_nan=False))
     else:
         _print(comparison)
@@ -229,7 +227,7 @@ def _print(comparison: ModelComparison) -> None:
     console, best = Console(), comparison.best
     plain = str.maketrans({"±": "+-", "−": "-", "–": "-"})
     rows = ([cell.translate(plain) for cell in row[:SHOWN]] for row in comparison.rows)
-    console.print(table(HEADINGS[:SHOWN], rows, left=(0, 1), bold=lambda row: row[0] == best, no_wrap=True))
+    console.print(as_text.table(HEADINGS[:SHOWN], rows, left=(0, 1), bold=lambda row: row[0] == best, no_wrap=True))
     for name, found in comparison.validations.items():
         if found.verdict.status != "trusted" and found.verdict.reasons:
             console.print(f"\n{name}: {found.verdict.reasons[0]}", style="dim", highlight=False, markup=False)
@@ -282,7 +280,7 @@ def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], *
             else dataclasses.replace(entry, result=dataclasses.replace(found, model=results.kept(found.model, log)))
             for entry in contenders
         ]  # fmt: skip
-        click.echo(json.dumps(comparison_as_json(named), allow_nan=False))
+        click.echo(json.dumps(as_text.comparison_as_json(named), allow_nan=False))
         return
-    print_comparison(Console(), contenders, request.structure, len(log))
+    as_text.print_comparison(Console(), contenders, request.structure, len(log))
     results.print_rest([], paths)

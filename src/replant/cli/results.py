@@ -33,10 +33,8 @@ from replant.logs.sampling_time import time_columns
 from replant.model.interop import without_unit
 from replant.numerics.limits import typed_path
 from replant.online.runs.result import Result
+from replant.report import results_as_text as as_text
 from replant.report.python_programs import identifier_as_python
-from replant.report.results_as_text import as_json as result_as_json
-from replant.report.results_as_text import print_result, print_validation, record_line
-from replant.report.results_as_text import validation_as_json as validation_as_json
 from replant.verdict.verdict import Verdict
 
 NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]
@@ -177,10 +175,10 @@ def deliver(
             report["advice"] = None if step is None else (step.words, step.command)
             paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
-        echo_json(result_as_json(result) | more, validations)
+        echo_json(as_text.as_json(result) | more, validations)
     else:
-        record = record_line(len(log) - log.rest, log.dt, log.duration)
-        print_result(Console(), result, record=record, lead="" if step is None else step.words)
+        record = as_text.record_line(len(log) - log.rest, log.dt, log.duration)
+        as_text.print_result(Console(), result, record=record, lead="" if step is None else step.words)
         if result.settings is not None:
             click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
         print_rest(validations, paths, step)
@@ -190,7 +188,7 @@ def deliver(
 def echo_json(whole: dict[str, Any], validations: Sequence[tuple[str, Validation]]) -> None:
     """Print a result, and its model's validations if there are some, as one JSON object."""
     if validations:
-        whole = whole | {"validations": [validation_as_json(each, name) for name, each in validations]}
+        whole = whole | {"validations": [as_text.validation_as_json(each, name) for name, each in validations]}
     click.echo(json.dumps(whole, allow_nan=False))
 
 
@@ -201,7 +199,7 @@ def print_rest(
     from rich.console import Console
 
     for name, found in validations:
-        print_validation(Console(), found, name)
+        as_text.print_validation(Console(), found, name)
     for path in paths:
         click.echo(f"wrote {path}")
     if step is not None:

@@ -260,27 +260,12 @@ def draw_correlations(found: Correlations | None, dt: float, axes: Any = None) -
 
 def draw_auto(found: Correlations | None, dt: float, axis: Any) -> None:
     """Draw the residual's correlation with itself over the lag."""
-    if _has_correlations(found, axis, "residual with itself"):
-        assert found is not None
-        _correlation(axis, found.auto, 0, found.auto_std, dt)
-        if (reach := reach_of(found.auto, found.auto_std)) is not None:
-            axis.set_ylim(-reach, reach)
+    _draw_correlation(found, dt, axis, "residual with itself")
 
 
 def draw_cross(found: Correlations | None, dt: float, axis: Any, name: str = "input") -> None:
     """Draw an input's correlation with the residual over the lag."""
-    if _has_correlations(found, axis, f"{name} with later residual"):
-        assert found is not None
-        _correlation(axis, found.cross, 1 - found.auto.size, found.cross_std, dt)
-
-
-def _has_correlations(found: Correlations | None, axis: Any, what: str) -> bool:
-    style.title(axis, what)
-    style.tidy(axis)
-    axis.set(xlabel="lag [s]", ylabel="correlation")
-    if found is None:
-        style.say(axis, "too few samples, or a constant signal")
-    return found is not None
+    _draw_correlation(found, dt, axis, f"{name} with later residual", is_cross=True)
 
 
 def reach_of(auto: FloatArray, std: float) -> float | None:
@@ -293,7 +278,16 @@ def reach_of(auto: FloatArray, std: float) -> float | None:
     return 1.6 * near if near < WIDE else None
 
 
-def _correlation(axis: Any, values: FloatArray, first: int, std: float, dt: float) -> None:
+def _draw_correlation(found: Correlations | None, dt: float, axis: Any, what: str, *, is_cross: bool = False) -> None:
+    style.title(axis, what)
+    style.tidy(axis)
+    axis.set(xlabel="lag [s]", ylabel="correlation")
+    if found is None:
+        style.say(axis, "too few samples, or a constant signal")
+        return
+    values, first, std = found.auto, 0, found.auto_std
+    if is_cross:
+        values, first, std = found.cross, 1 - found.auto.size, found.cross_std
     axis.axhspan(-BAND_99 * std, BAND_99 * std, color=style.MEASURED, alpha=0.22, lw=0, label="99 %")
     axis.axhspan(-BAND_95 * std, BAND_95 * std, color=style.MEASURED, alpha=0.35, lw=0, label="95 %")
     axis.axhline(0.0, color=style.MUTED, lw=0.8)
@@ -308,6 +302,8 @@ def _correlation(axis: Any, values: FloatArray, first: int, std: float, dt: floa
             axis.axhline(limit, color=style.INK, lw=0.8, ls=(0, (4, 3)))
     axis.set_xlim(dt * (first - 0.5), dt * (first + values.size - 0.5))
     style.legend(axis)
+    if not is_cross and (reach := reach_of(values, std)) is not None:
+        axis.set_ylim(-reach, reach)
 
 
 def draw_spectrum(curves: Mapping[str, tuple[FloatArray, FloatArray]], ax: Any = None) -> Any:
