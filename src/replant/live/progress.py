@@ -49,16 +49,13 @@ class RigClock:
     alone: bool = False  # whether the last one is the very first, and not confirmed yet
     leaps: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
 
-    def __post_init__(self) -> None:
-        self._gap, self._leap, self._farthest = 2.0 * GAP * self.dt, LEAP * self.dt, FARTHEST * self.dt
-
     def follow(self, t: FloatArray) -> FloatArray:
         """Return rig time (K,) of the stamps of K samples."""
         shifted = t + self.offset if self.offset else t
         is_first = self.last == -np.inf
-        if not self.alone and (not is_first or (t.size > 1 and np.abs(shifted).max() <= self._farthest)):
+        if not self.alone and (not is_first or (t.size > 1 and np.abs(shifted).max() <= FARTHEST * self.dt)):
             steps = np.diff(shifted) if is_first else np.diff(shifted, prepend=self.last)
-            if (steps > 0.0).all() and (steps <= self._leap).all():
+            if (steps > 0.0).all() and (steps <= LEAP * self.dt).all():
                 self._advance(float(shifted[-1]))
                 self.leaps = np.zeros(t.size, bool)
                 return shifted
@@ -69,11 +66,11 @@ class RigClock:
 
     def _one(self, stamp: float) -> float:
         shifted = stamp + self.offset if self.offset else stamp
-        if not abs(shifted) <= self._farthest:
+        if not abs(shifted) <= FARTHEST * self.dt:
             return shifted
         if self.last == -np.inf:
             self.last, self.alone = shifted, True
-        elif 0.0 < shifted - self.last <= self._leap:
+        elif 0.0 < shifted - self.last <= LEAP * self.dt:
             self._advance(shifted)
         elif shifted > self.last or self.alone:
             return self._follow_leap(stamp, shifted)
@@ -91,7 +88,7 @@ class RigClock:
             leapt = candidate + self.offset - self.last
             if leapt > 0.0 or self.alone:
                 ahead = stamp - candidate > 0.0
-                if ahead and stamp - candidate <= self._leap:
+                if ahead and stamp - candidate <= LEAP * self.dt:
                     self._advance(shifted)
                 elif ahead and stamp - candidate <= 2.0 * leapt:  # a slow rig, each of whose stamps leaps
                     self.last, self.alone = candidate + self.offset, False
@@ -100,9 +97,9 @@ class RigClock:
     def _follow_step_back(self, stamp: float, shifted: float) -> float:
         """Handle a stamp that lies far back; if the stamp before confirms it, set a new offset."""
         candidate, self.candidate = self.candidate, stamp
-        if candidate is None or not 0.0 < stamp - candidate <= self._leap or candidate + self.offset > self.last:
+        if candidate is None or not 0.0 < stamp - candidate <= LEAP * self.dt or candidate + self.offset > self.last:
             return shifted
-        self.offset = self.last + self._gap - stamp
+        self.offset = self.last + 2.0 * GAP * self.dt - stamp
         self._advance(stamp + self.offset)
         return self.last
 
