@@ -102,7 +102,7 @@ def test_rows_without_an_input_are_as_rows_that_are_missing(identified) -> None:
     assert empty.simulation.fit == pytest.approx(100.0 * (1.0 - NOISE / np.std(y)), abs=1.5)
 
 
-@every("seed", [22, 25, 26])
+@every("seed", [22, 25, 26], quick=1)
 @every("kind", ["rows", "inputs"])
 def test_a_few_samples_between_two_gaps_are_no_stretch_to_search(seed: int, kind: str) -> None:
     rng, samples = np.random.default_rng(seed), 1500
