@@ -116,8 +116,8 @@ def fit(
         answers to no disturbance, counts as one from outside.
     input, output : str, optional
         Columns, several as a list, of a table of pandas or polars, which is given in place of ``u``; ``t`` and
-        ``reference``, of several a list, may name columns, too.  Without ``t`` and ``dt`` the clock is the column t,
-        time or timestamp, or the index.
+        ``reference``, of several a list, may name columns, too.  It is read as `read_log` reads a file of its columns;
+        without ``t`` and ``dt`` the index may be the clock.
 
     Returns
     -------
