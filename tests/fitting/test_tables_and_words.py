@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow
 import pytest
 
 import replant as rp
@@ -15,6 +16,7 @@ from support.builders import G1, record
 DT = 0.1
 U, Y = record(G1, 1, 600, DT, hold=20, noise=0.05)
 TABLE = pd.DataFrame({"t": DT * np.arange(600), "u": U, "y": Y, "pump": np.roll(U, 100), "note": "a"})
+STAMPS = pd.date_range("2026-01-01", periods=600, freq="100ms")
 WANTED = rp.fit(rp.Log(U, Y, DT), poles=1).parameters
 
 
@@ -29,12 +31,43 @@ WANTED = rp.fit(rp.Log(U, Y, DT), poles=1).parameters
         (TABLE.assign(t=pd.date_range("2026-01-01", periods=600, freq="100ms")), {}),
         (TABLE.drop(columns="t").set_index(pd.date_range("2026-01-01", periods=600, freq="100ms", tz="UTC")), {}),
         (TABLE.assign(t=pd.date_range("2026-03-29 00:59:30", periods=600, freq="100ms", tz="Europe/Berlin")), {}),
+        (TABLE.drop(columns="t").set_index(STAMPS).assign(received=STAMPS + pd.Timedelta("3s") * np.arange(600)), {}),
+        (TABLE.assign(t=range(600)).set_index(STAMPS), {}),
+        (TABLE.drop(columns="t").set_index(STAMPS.rename("when")).assign(start=STAMPS[0]), {"t": "when"}),
+        (TABLE.drop(columns="t").set_index(pd.to_timedelta(DT * np.arange(600), unit="s")), {}),
+        (TABLE.assign(t=1000.0 * TABLE["t"]).rename(columns={"t": "time [ms]"}), {"t": "time"}),
+        (pyarrow.Table.from_pandas(TABLE, preserve_index=False), {}),
     ],
 )
 def test_a_table_is_fitted_by_the_names_of_its_columns(table: pd.DataFrame, more: dict[str, Any]) -> None:
     fitted = rp.fit(table, input="u", output="y", poles=1, **more)
     np.testing.assert_allclose(fitted.parameters, WANTED, rtol=1e-9)
     assert (fitted.model.input_name, fitted.model.output_name, list(fitted.others)) == ("u", "y", ["pump"])
+
+
+def test_columns_may_have_labels_that_are_no_words_and_one_label_may_stand_twice() -> None:
+    numbered = TABLE[["t", "u", "y"]].set_axis([2, 0, 1], axis=1)
+    fitted = rp.fit(numbered, input=0, output=1, t=2, poles=1)
+    np.testing.assert_allclose(fitted.parameters, WANTED, rtol=1e-9)
+    twice = TABLE.assign(z=U).set_axis(["t", "u", "y", "z", "note", "z"], axis=1)
+    np.testing.assert_allclose(rp.fit(twice, input="u", output="y", poles=1).parameters, WANTED, rtol=1e-9)
+    with pytest.raises(rp.InvalidArgumentError, match="input: 2 columns are called 'z'; give one's number, 3 or 5"):
+        rp.fit(twice, input="z", output="y", poles=1)
+    np.testing.assert_allclose(rp.fit(twice, input=5, output="y", poles=1).parameters, WANTED, rtol=1e-9)
+
+
+def test_a_table_becomes_a_log_by_the_same_call_as_a_file() -> None:
+    log = rp.read_log(TABLE.rename(columns={"u": "u [V]"}), input="u", output="y", begin=10.0)
+    assert (len(log), log.input_name, log.dt) == (500, "u [V]", DT)
+    np.testing.assert_array_equal(rp.read_log(TABLE, input="u", output="y").others["pump"], np.roll(U, 100))
+
+
+def test_what_is_said_of_a_table_is_said_of_the_line_that_gave_it() -> None:
+    repeated = pd.concat([TABLE[:50], TABLE[49:]])
+    for call in (rp.fit, lambda table, poles, **names: rp.read_log(table, **names)):
+        with pytest.warns(UserWarning, match="the table: a row repeats") as caught:
+            call(repeated, input="u", output="y", poles=1)
+        assert [each.filename for each in caught] == [__file__]
 
 
 def test_an_index_that_counts_the_rows_is_no_clock() -> None:

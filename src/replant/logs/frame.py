@@ -1,20 +1,15 @@
-"""Tables in memory, as pandas and polars have them, read as a file of the same columns is."""
+"""Tables in memory, as pandas, polars and pyarrow have them, as tables of columns such as a file gives."""
 
 from __future__ import annotations
 
-import sys
-import warnings
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
-from replant.logs.log import Log
-from replant.logs.read import open_recording
-from replant.logs.sampling_time import time_columns
-from replant.logs.table import Table
+from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
+from replant.logs.sampling_time import time_candidates
+from replant.logs.table import Table, listed
 from replant.numerics.arguments import FloatArray
 
 NAME = Path("the table")  # in messages
@@ -25,67 +20,85 @@ def is_frame(value: Any) -> bool:
     return hasattr(value, "columns") and hasattr(value, "__getitem__") and not isinstance(value, np.ndarray)
 
 
-def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | None, reference: Any) -> Log:  # noqa: A002
-    """Return the log of a table's columns; its clock is ``dt``, ``time``, a column that may be it, or the index."""
-    names = [str(name) for name in frame.columns]
-    if input is None or output is None:
-        raise ArgumentTypeError(f"name columns of the table, input=... and output=...; there are {', '.join(names)}")
-    asked: list[str] = []
-    for role, given in {"input": input, "output": output, "t": time, "reference": reference}.items():
-        for name in given if isinstance(given, list | tuple) and given else [given]:
-            if name is not None and (not isinstance(name, str) or name not in names):
-                where = f"there are {', '.join(names)}"
-                raise InvalidArgumentError(f"{role} must name a column, got {shown(name)}; {where}")
-            asked += [name] if name is not None else []
-    if len(set(asked)) < len(asked):
-        raise InvalidArgumentError(f"name each column once, got {', '.join(map(shown, asked))}")
-    values = [np.asarray(frame[name]) for name in frame.columns]
-    table = _table(names, values)
-    clocks = time_columns(table)
-    if time is None and dt is None and len(clocks) != 1:
-        index = getattr(frame, "index", None)
-        if index is None or not _is_clock(index):
+class Frame:
+    """A table in memory: its columns, and behind them its index, where that may be the time."""
+
+    def __init__(self, frame: Any) -> None:
+        if hasattr(frame, "collect"):
+            raise ArgumentTypeError("the table is not computed yet: collect() it before")
+        self._labels = list(getattr(frame, "column_names", frame.columns))
+        names = [str(label) for label in self._labels]
+        by_place = getattr(frame, "iloc", None)  # of pandas, where two columns may have one label
+        columns = [frame[label] if by_place is None else by_place[:, k] for k, label in enumerate(self._labels)]
+        self.values = [_array(column) for column in columns]
+        self.names, index = names, getattr(frame, "index", None)
+        if index is not None and _is_clock(index):
+            names, self.values = [*names, str(index.name or "index")], [*self.values, _array(index)]
+        dated = frozenset(number for number, each in enumerate(self.values) if _is_dated(each))
+        self.table = Table(NAME, tuple(names), lambda keys: iter([[self._numbers(k) for k in keys]]), in_seconds=dated)
+
+    def find(self, role: str, key: Any) -> Any:
+        """Return the number of a column by its label, or as `Table.find` has it; of several a list, of None None."""
+        if isinstance(key, list | tuple) and key and key not in self._labels:
+            return [self.find(role, each) for each in key]
+        found = [number for number, label in enumerate(self._labels) if type(label) is type(key) and label == key]
+        if key is None or len(found) == 1:
+            return found[0] if found else None
+        if found:
+            places = " or ".join(map(str, found))
+            raise InvalidArgumentError(
+                f"{role}: {len(found)} columns are called {shown(key)}; give one's number, {places}"
+            )
+        try:
+            return self.table.find(key)
+        except (LogError, ArgumentTypeError):
+            there = f"there are {listed(self.names)}"
+            raise InvalidArgumentError(f"{role} must name a column, got {shown(key)}; {there}") from None
+
+    @property
+    def clock(self) -> int | None:
+        """The column of the time where none is named: an index of times, the column of such a name, or any index."""
+        named, last = time_candidates(self.names), len(self.names)
+        has_index = last < len(self.values)
+        if (has_index and last in self.table.in_seconds) or (has_index and len(named) != 1):
+            return last
+        if not named and not self.table.in_seconds:
             raise InvalidArgumentError(
                 "the table has no column t, time or timestamp: give dt, or t, the name of its clock"
             )
-        values.append(np.asarray(index))
-        table, time = _table([*names, str(index.name or "index")], values), len(names)
-    recording = open_recording(
-        table, input=input, output=output, time=time, dt=dt, reference=reference, most_held=sys.maxsize
-    )
-    for note in recording.table.notes:
-        warnings.warn(note, stacklevel=2)
-    log = recording.held
-    assert log is not None
-    used = {*log.input_names, log.output_name, *log.reference_names, time, *(names[number] for number in clocks)}
-    others = {
-        name: table.column(number)
-        for number, name in enumerate(names)
-        if name not in used and values[number].dtype.kind in "iufb" and len(values[number]) == len(log)
-    }
-    return replace(log, path=Path(), others={**others, **log.others})
+        return named[0] if len(named) == 1 else None
 
+    def beside(self, used: set[int], rows: int) -> dict[str, FloatArray]:
+        """Return the other columns of numbers that have so many rows, by their names."""
+        return {
+            name: self._numbers(number)
+            for number, name in enumerate(self.names)
+            if number not in used and self.names.count(name) == 1
+            and self.values[number].dtype.kind in "iufb" and self.values[number].shape == (rows,)
+        }  # fmt: skip
 
-def _table(names: list[str], values: list[Any]) -> Table:
-    def numbers(which: int) -> FloatArray:
+    def _numbers(self, number: int) -> FloatArray:
         try:
-            return _seconds(values[which])
+            return _seconds(self.values[number])
         except (TypeError, ValueError):
-            name = shown(names[which])
+            name = shown(self.table.names[number])
             raise ArgumentTypeError(f"column {name} of the table holds no numbers or times; convert it") from None
 
-    dated = frozenset(number for number, each in enumerate(values) if _is_dated(each))
-    return Table(NAME, tuple(names), lambda keys: iter([[numbers(key) for key in keys]]), in_seconds=dated)
+
+def _array(column: Any) -> Any:
+    """Return a column, or an index, as an array; times with a zone as those of UTC."""
+    has_zone = getattr(getattr(column, "dtype", None), "tz", None) is not None
+    return np.asarray(column, "datetime64[ns]" if has_zone else None)
 
 
 def _is_clock(index: Any) -> bool:
-    """Return whether an index is the time: whole numbers may count the rows, whatever they are called but a clock."""
-    values, name = np.asarray(index), str(index.name or "")
-    return _is_dated(values) or bool(time_columns(_table([name], [values]))) or bool(name and values.dtype.kind == "f")
+    """Return whether an index may be the time: whole numbers count the rows, whatever they are called but so."""
+    values, name = _array(index), str(index.name or "")
+    return _is_dated(values) or bool(time_candidates([name])) or bool(name and values.dtype.kind == "f")
 
 
 def _is_dated(values: Any) -> bool:
-    """Return whether values are times; those with a zone are objects to NumPy."""
+    """Return whether values are times; those with a zone may be objects to NumPy."""
     return values.dtype.kind in "mM" or (
         values.dtype.kind == "O" and len(values) > 0 and all(hasattr(each, "timestamp") for each in values)
     )
@@ -93,9 +106,10 @@ def _is_dated(values: Any) -> bool:
 
 def _seconds(values: Any) -> FloatArray:
     """Return numbers, and times as seconds since the first one."""
+    if values.ndim != 1 or values.dtype.kind == "c":
+        raise TypeError
     if _is_dated(values):
-        if values.dtype.kind == "O":  # pandas has them exactly
-            since = [each.value if hasattr(each, "value") else round(1e9 * each.timestamp()) for each in values]
-            values = np.array(since, "datetime64[ns]")
+        if values.dtype.kind == "O":
+            values = np.array([round(1e9 * each.timestamp()) for each in values], "datetime64[ns]")
         return np.asarray((values - values[:1]) / np.timedelta64(1, "s"), np.float64)
     return np.asarray(values, np.float64)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from replant.errors import InvalidArgumentError, LogError, shown
+from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
 from replant.logs.file_formats import read_columns
+from replant.logs.frame import Frame, is_frame
 from replant.logs.log import Log
 from replant.logs.merged_channels import on_one_clock, written_apart
 from replant.logs.recording import MOST_HELD, Recording, check_range, digest, part_of
@@ -34,7 +37,7 @@ _GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt,
 
 
 def read_log(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | Any,
     *,
     input: str | int | Sequence[str | int],  # noqa: A002 - the field's word
     output: str | int,
@@ -52,10 +55,10 @@ def read_log(
 
     Parameters
     ----------
-    path : path
+    path : path or table
         A file of text, .jsonl, .parquet, .feather, .xlsx, .h5, .mat, .npz, .tdms, .mf4, .ulg, .mcap, perhaps compressed
         (.gz, .zip, .zst); a folder of Parquet files, the parts of one log in the order of their names, or of a ROS 2
-        bag; or ``-``, standard input.
+        bag; ``-``, standard input; or a table of pandas, polars or pyarrow, whose index may be the time.
     input, output : str or int
         The columns, by name (a unit at its end may be left out) or 0-based number; of several inputs a list.  In .mat
         and .npz files also ``udat[:,0]`` and ``logs.udat[:,0]``.  Columns with stamps of their own are merged.
@@ -96,13 +99,44 @@ def read_log(
     >>> log.dt, log.output
     (0.1, array([0.  , 0.5 , 0.75]))
     """
-    columns: dict[str, Any] = {"input": input, "output": output, "time": time, "dt": dt, "reference": reference}
-    recording = open_recording(file_path("path", path), **columns, begin=begin, end=end, most_held=sys.maxsize)
+    columns: dict[str, Any] = {"input": input, "output": output, "time": time, "reference": reference}
+    if is_frame(path):
+        return log_of_frame(path, **columns, dt=dt, begin=begin, end=end)
+    log = _held(open_recording(file_path("path", path), **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize))
+    return replace(log, sha256=digest(log.path))
+
+
+def log_of_frame(
+    frame: Any, *, dt: float | None, begin: float | None = None, end: float | None = None, **keys: Any
+) -> Log:
+    """Return the log of a table in memory, with its other columns of numbers; see `read_log`."""
+    given = Frame(frame)
+    if keys["input"] is None or keys["output"] is None:
+        there = f"there are {listed(given.names)}"
+        raise ArgumentTypeError(f"name columns of the table, input=... and output=...; {there}")
+    columns = {role: given.find(role, key) for role, key in keys.items()}
+    each = [number for found in columns.values() for number in (found if isinstance(found, list) else [found])]
+    named = [number for number in each if number is not None]
+    if len(set(named)) < len(named):
+        names = ", ".join(shown(given.table.names[number]) for number in named)
+        raise InvalidArgumentError(f"name each column once, got {names}")
+    if keys["time"] is None and dt is None:
+        columns["time"] = given.clock
+    log = _held(open_recording(given.table, **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize))
+    beside = given.beside({*named, *time_columns(given.table)}, len(log))
+    return replace(log, path=Path(), others={**beside, **log.others})
+
+
+def _held(recording: Recording) -> Log:
+    """Return the log of a recording in memory, and warn where the package was called of what there is to say."""
+    ours, level, depth, place = str(Path(__file__).parents[1]), 1, 1, inspect.currentframe()
+    while recording.table.notes and place is not None:
+        level = depth + 1 if place.f_code.co_filename.startswith(ours) else level
+        depth, place = depth + 1, place.f_back
     for note in recording.table.notes:
-        warnings.warn(note, stacklevel=2)
-    log = recording.held
-    assert log is not None
-    return replace(log, sha256=digest(recording.path))
+        warnings.warn(note, stacklevel=level)
+    assert recording.held is not None
+    return recording.held
 
 
 def open_recording(
