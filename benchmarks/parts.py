@@ -31,7 +31,7 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, reference, whitening
 from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance
-from replant.kernels.schema import StateArrays
+from replant.kernels.schema import LAGS, StateArrays
 from replant.kernels.slot_tables import begins, numbers
 
 CHUNK, REPETITIONS = 2_000, 101
@@ -90,16 +90,17 @@ def run_noise_model(s: StateArrays, rows: Matrix, errors: Reals, targets: Reals)
         for i in range(T):
             s.phi[i], s.zeta[i] = rows[k, i], rows[k, T + i]
         targets[k] = whitening.filter_row(T, s.noise, s.phi, s.zeta, rows[k, 2 * T])
-        whitening.add_residuals(T, s.noise, s.theta, errors, 1.0)
+        if s.noise.known > LAGS:
+            whitening.add_residuals(s.noise, int(s.noise.position), s.theta, errors, 1.0)
 
 
 @kernel()
-def run_reference(s: StateArrays, r: Reals, u: Reals, y: Reals, work: Reals, explained: Reals):
+def run_reference(s: StateArrays, r: Reals, u: Reals, y: Reals, explained: Reals):
     for k in range(u.size):
-        reference.advance(s.reference, r[k])
+        reference.carry_on(s.reference.states, s.reference.pole, r[k])
         explained[k] = reference.explained(s.reference, 0)
         explained[k] += reference.explained(s.reference, 1)
-        reference.learn_weights(s.reference, u[k], y[k], work)
+        reference.learn(s, u[k], y[k])
 
 
 # --- C
@@ -194,15 +195,16 @@ def reference_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run
     projection = state.reference
     projection.pole, projection.states[-1] = 0.9, 1.0
     projection.factors[:], projection.diagonal[:] = np.eye(reference.SIZE), 1e3
-    r, work = np.random.default_rng(7).standard_normal(CHUNK), np.empty(2 * reference.SIZE)
+    r = np.random.default_rng(7).standard_normal(CHUNK)
 
     def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
-        compiled(run_reference)(*arrays[:5], r, u, y, work, arrays[5])
+        compiled(run_reference)(*arrays[:5], r, u, y, arrays[5])
 
     def theirs(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
+        own = State(*arrays[:5])
         C.run_reference(
-            address(State(*arrays[:5]).reference.reals), ctypes.c_int64(CHUNK), address(r), address(u), address(y),
-            address(work), address(arrays[5]),
+            address(own.reference.reals), ctypes.c_int64(CHUNK), address(r), address(u), address(y),
+            address(own.work), address(arrays[5]),
         )  # fmt: skip
 
     yield "reference", reference.SIZE, [*state.arrays, np.empty(CHUNK)], ours, theirs

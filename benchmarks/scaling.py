@@ -51,7 +51,7 @@ def learn(
 ):  # fmt: skip
     """``samples`` times a batch."""
     for k in range(samples):
-        gradient.learn(algorithm, theta, memory, settings, buffer, rows[k], batch, 0)
+        gradient.learn(algorithm, theta, memory, settings, buffer, rows[k], batch, 0, 0.0)
 
 
 @kernel()

@@ -126,6 +126,7 @@ def test_a_wrong_unit_leaves_the_other_gains_or_turns_them_likewise(second: floa
     "words, given",
     [
         ("input 'Q1' is given twice", {"input": ("Q1", "Q1")}),
+        ("input must name a column, got none", {"input": (), "poles": (), "delay": ()}),
         ("poles has 3 entries and u 2 inputs", {"poles": (1, 1, 1)}),
         ("give the number of poles of each", {"poles": 1}),
         ("poles has 2 entries, and there is one input", {"input": "Q1"}),

@@ -218,7 +218,11 @@ def _column(name: str, value: Any) -> str | int:
 
 def _columns(name: str, value: Any) -> str | int | tuple[str | int, ...]:
     """Return the name or number of a column, of several a tuple."""
-    return tuple(_column(name, each) for each in value) if iterable(value) else _column(name, value)
+    if not iterable(value):
+        return _column(name, value)
+    if not value:
+        raise InvalidArgumentError(f"{name} must name a column, got none")
+    return tuple(_column(name, each) for each in value)
 
 
 def digest(*told: object) -> str:

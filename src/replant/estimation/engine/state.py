@@ -105,13 +105,17 @@ class State(StateArrays):
     @classmethod
     def build(
         cls, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str = "zoh",
-        reference: bool = False,
+        instruments: bool = False, reference: bool = False,
     ) -> State:  # fmt: skip
         """Return unscaled arrays without an optimizer, and fill in what is known of a fixed filter."""
         refined = state_filter is None
-        entries, ring = entries_of(structure, refined=refined), ring_of(structure, dt)
-        state = cls.empty(Dimensions(structure.poles, entries, ring, 0, 0, companions=refined, reference=reference))
-        state.describe(structure, dt, state_filter=state_filter, input_hold=input_hold, instruments=refined)
+        entries, ring, instruments = (
+            entries_of(structure, refined=refined),
+            ring_of(structure, dt),
+            instruments or refined,
+        )
+        state = cls.empty(Dimensions(structure.poles, entries, ring, 0, 0, companions=instruments, reference=reference))
+        state.describe(structure, dt, state_filter=state_filter, input_hold=input_hold, instruments=instruments)
         state.rescale(np.ones(entries), 1.0)
         if state_filter is not None:
             state.fix_filter(structure, dt, state_filter)

@@ -153,12 +153,17 @@ def _check_decided(state: State, fresh: State, settings: Settings | None) -> Non
             raise DamagedCheckpointError(f"its state and its settings differ in where {block.name} begins")
     for slot in DECIDED:
         differs = np.asarray(getattr(state, slot.name) != getattr(fresh, slot.name))
-        chooses = settings and settings.filter.follows_estimate and not settings.optimizer.keeps_colour
-        if slot is StateSlots.settings and settings and chooses:
+        if slot is StateSlots.settings and settings and _chooses_walk(settings):
             chosen = 1 + settings.structure.size  # the random walk of the offset, which the start-up chooses
             differs[chosen] = not 0.0 <= state.settings[chosen] < math.inf
         if differs.any():
             raise DamagedCheckpointError(f"its state and its settings differ in {slot.name}")
+
+
+def _chooses_walk(settings: Settings) -> bool:
+    """Return whether the start-up chooses the random walk of the offset: that of Kalman tracking beside a model."""
+    optimizer = settings.optimizer
+    return settings.filter.follows_estimate and optimizer.keeps_covariance and not optimizer.keeps_colour
 
 
 def _check_positions(state: State) -> None:
