@@ -36,7 +36,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "dead time": {"structure": rp.Structure(2, 1, delay=0.237)},
     "biproper": {"structure": rp.Structure(2, 2, feedthrough=True)},
     "first-order hold": {"filter": rp.RefinedFilter(input_hold="foh")},
-    "gradient": {"filter": rp.RefinedFilter(), "optimizer": rp.Gradient(0.05)},
+    "gradient beside a model": {"filter": rp.RefinedFilter(), "optimizer": rp.Gradient(0.05)},
     "forgetting": {"optimizer": rp.RecursiveLeastSquares(time_constant=20.0)},
     "gbt": {"filter": rp.StateVariableFilter(3.0, method="gbt", alpha=0.7), "optimizer": rp.Adam(1e-3)},
     "begins at once": {**FIXED, "scaling": None, "instruments": False, "normalize": False, "replay": REPLAY}
