@@ -79,6 +79,9 @@ def test_an_index_that_counts_the_rows_is_no_clock() -> None:
 def test_a_column_that_is_no_number_is_named() -> None:
     with pytest.raises(rp.ArgumentTypeError, match="column 'note' of the table holds no numbers or times"):
         rp.fit(TABLE, input="note", output="y", poles=1)
+    huge = TABLE.assign(huge=pd.Series([10**400] * 600, dtype=object))
+    with pytest.raises(rp.ArgumentTypeError, match="column 'huge' of the table holds no numbers or times"):
+        rp.fit(huge, input="huge", output="y", poles=1)
 
 
 def test_polars_too() -> None:

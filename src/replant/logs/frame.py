@@ -32,7 +32,7 @@ class Frame:
         columns = [frame[label] if by_place is None else by_place[:, k] for k, label in enumerate(self._labels)]
         self.values = [_array(column) for column in columns]
         self.names, index = names, getattr(frame, "index", None)
-        if index is not None and _is_clock(index):
+        if index is not None and hasattr(index, "name") and _is_clock(index):  # of other libraries it is a method
             names, self.values = [*names, str(index.name or "index")], [*self.values, _array(index)]
         dated = frozenset(number for number, each in enumerate(self.values) if _is_dated(each))
         self.table = Table(NAME, tuple(names), lambda keys: iter([[self._numbers(k) for k in keys]]), in_seconds=dated)
@@ -80,7 +80,7 @@ class Frame:
     def _numbers(self, number: int) -> FloatArray:
         try:
             return _seconds(self.values[number])
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             name = shown(self.table.names[number])
             raise ArgumentTypeError(f"column {name} of the table holds no numbers or times; convert it") from None
 

@@ -109,11 +109,8 @@ class State(StateArrays):
     ) -> State:  # fmt: skip
         """Return unscaled arrays without an optimizer, and fill in what is known of a fixed filter."""
         refined = state_filter is None
-        entries, ring, instruments = (
-            entries_of(structure, refined=refined),
-            ring_of(structure, dt),
-            instruments or refined,
-        )
+        entries, ring = entries_of(structure, refined=refined), ring_of(structure, dt)
+        instruments = instruments or refined
         state = cls.empty(Dimensions(structure.poles, entries, ring, 0, 0, companions=instruments, reference=reference))
         state.describe(structure, dt, state_filter=state_filter, input_hold=input_hold, instruments=instruments)
         state.rescale(np.ones(entries), 1.0)
