@@ -165,7 +165,7 @@ def made(build: Callable[..., Any], arguments: dict[str, Any], named: str) -> An
     if isinstance(built, rp.Identifier):
         built = built.request
     if isinstance(built, rp.Ensemble):
-        return len(built), len(built._rooms)
+        return len(built), len(built._helpers)
     return None if built is None else plain(built)
 
 

@@ -49,7 +49,8 @@ ADAPTERS = {
     "live.dashboard.security": {"starlette", "uvicorn"},
     "workbench.app": {"starlette"},
 }
-FORKS = {"online.locking": {"os"}}  # says what a forked process does first; it touches no file
+#: Ask in which process they are, or say what a forked one does first; they touch no file.
+FORKS = {"online.locking": {"os"}, "online.ensemble_members": {"os"}}
 #: Finds the native library, and has it made in a clone.
 LOADS = {"kernels.native": {"ctypes", "hashlib", "pathlib", "platform", "subprocess", "sys", "threading"}}
 TERMINAL = {"click", "rich"}

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import _thread
 import copy
 import itertools
+import multiprocessing
 import pickle
+import sys
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -266,6 +270,40 @@ def test_threads_change_nothing(n_jobs: int, monkeypatch: pytest.MonkeyPatch) ->
     )
     np.testing.assert_array_equal(many.update_many(u, y), one.update_many(u, y))
     np.testing.assert_array_equal(many.parameters, one.parameters)
+
+
+def until(threads: int) -> None:
+    """Wait until so many threads run beside the first: one begins, and ends, behind the call that asks for it."""
+    while _thread._count() != threads:  # else the suite's own limit ends it
+        time.sleep(0.01)
+
+
+def test_a_thread_helps_with_one_chunk_after_the_other_and_ends_with_the_ensemble() -> None:
+    u, y = streams(2 * MEMBERS)
+    ensemble, before = rp.Ensemble(sweep("adam", REPLAY, members=2 * MEMBERS), n_jobs=2), _thread._count()
+    for _ in range(3):
+        ensemble.update_many(u, y)
+        until(before + 1)
+    del ensemble
+    until(before)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems begin a process anew")
+def test_a_fork_has_a_helper_of_its_own() -> None:
+    u, y = streams(2 * MEMBERS)
+    ensemble = rp.Ensemble(sweep("adam", REPLAY, members=2 * MEMBERS), n_jobs=2)
+    ensemble.update_many(u, y)
+    queue = multiprocessing.get_context("fork").SimpleQueue()
+
+    def go_on() -> None:
+        before, errors = _thread._count(), ensemble.update_many(u, y)
+        until(before + 1)
+        queue.put(errors)
+
+    process = multiprocessing.get_context("fork").Process(target=go_on)
+    process.start()
+    np.testing.assert_array_equal(queue.get(), ensemble.update_many(u, y))
+    process.join()
 
 
 def test_a_member_goes_on_by_itself_with_time_stamps_too() -> None:

@@ -17,6 +17,7 @@ from replant.numerics.limits import count
 from replant.online.ensemble_members import (
     Chunk,
     Company,
+    Helper,
     Take,
     carry_out,
     form_blocks,
@@ -91,7 +92,7 @@ class Ensemble(Shared):
         self._members = _copies(identifiers, members)
         self._blocks: list[Block] = []
         self._companies: list[list[int]] = []  # numbers of members that went side by side, all of a company
-        self._rooms = _rooms(n_jobs, len(self._members))
+        self._room, self._helpers = Room(), [Helper() for _ in range(_threads(n_jobs, len(self._members)) - 1)]
         self._before = [member.taken for member in self._members]  # samples that the members came with
         self._taken = 0  # samples that all members have taken since
         self._chunk: Chunk | None = None  # the samples of a call that was interrupted
@@ -107,7 +108,8 @@ class Ensemble(Shared):
             "_members": [member.clone() for member in self._members],
             "_blocks": [],
             "_companies": [],
-            "_rooms": [Room() for _ in self._rooms],
+            "_room": Room(),
+            "_helpers": [Helper() for _ in self._helpers],
         }
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
@@ -119,10 +121,10 @@ class Ensemble(Shared):
             return
         self._set_aside()
         u, y, done = self._chunk.u, self._chunk.y, self._done()
-        room, (rows, size) = self._rooms[0], (len(u), len(self))
+        rows, size = len(u), len(self)
         for block in self._blocks:
             start = done[block.numbers[0]]
-            block.take(room, start, u, y, np.empty((rows, size)), np.empty((size, rows, 0)))
+            block.take(self._room, start, u, y, np.empty((rows, size)), np.empty((size, rows, 0)))
         done = self._done()
         for number in range(size):
             if done[number] < rows:
@@ -159,7 +161,7 @@ class Ensemble(Shared):
         InvalidArgumentError, ArgumentTypeError
             If shapes or types do not fit; the state stays as it was.
         """
-        errors, _ = self._run(self._row("u", u), self._row("y", y), 0, self._rooms[:1])
+        errors, _ = self._run(self._row("u", u), self._row("y", y), 0, ())
         return errors.reshape(-1)
 
     @changes
@@ -176,7 +178,7 @@ class Ensemble(Shared):
         InvalidArgumentError, ArgumentTypeError
             If shapes or types do not fit; the state stays as it was.
         """
-        return self._run(self._rows("u", u), self._rows("y", y), 0, self._rooms)[0]
+        return self._run(self._rows("u", u), self._rows("y", y), 0, self._helpers)[0]
 
     @changes
     def trace(self, u: Any, y: Any) -> tuple[Trace, ...]:
@@ -193,7 +195,7 @@ class Ensemble(Shared):
             If shapes or types do not fit; the state stays as it was.
         """
         start = self.parameters
-        errors, parameters = self._run(self._rows("u", u), self._rows("y", y), start.shape[1], self._rooms)
+        errors, parameters = self._run(self._rows("u", u), self._rows("y", y), start.shape[1], self._helpers)
         each = np.ascontiguousarray(errors.T)
         return tuple(Trace(self.names, *one) for one in zip(start, parameters, each, strict=True))
 
@@ -300,22 +302,22 @@ class Ensemble(Shared):
             member._adapt(adapt)
         vars(self).update(_members=members, _blocks=[])
 
-    def _run(self, u: FloatArray, y: FloatArray, size: int, rooms: Sequence[Room]) -> tuple[FloatArray, FloatArray]:
+    def _run(self, u: FloatArray, y: FloatArray, size: int, helpers: Sequence[Helper]) -> tuple[FloatArray, FloatArray]:
         """Take a chunk; return errors (K, M) and the first ``size`` parameters (M, K, size) after each sample."""
         if u.shape[0] != y.shape[0]:
             raise InvalidArgumentError(f"u and y must have the same length, got {u.shape[0]} and {y.shape[0]} samples")
-        new = aligned if len(rooms) > 1 else np.empty  # threads that write to one line of the cache wait for it
+        new = partial(aligned, new=np.empty) if helpers else np.empty  # threads wait for a line that both write to
         results = new((u.shape[0], len(self))), np.empty((len(self), u.shape[0], size))
-        self._chunk = Chunk(u, y, min(len(rooms), len(self)) - 1)
+        self._chunk = Chunk(u, y, len(helpers))
         try:
-            self._take(self._chunk, rooms, *results)
+            self._take(self._chunk, helpers, *results)
         except BaseException:  # KeyboardInterrupt included; where this is interrupted, too, the next call does it
             self._set_aside()
             raise
         vars(self).update(_taken=self._taken + len(u), _chunk=None)
         return results
 
-    def _take(self, samples: Chunk, rooms: Sequence[Room], *results: FloatArray) -> None:
+    def _take(self, samples: Chunk, helpers: Sequence[Helper], *results: FloatArray) -> None:
         """Let all members take the samples, in blocks, in company or by themselves."""
         from replant.kernels.lanes import LANES
 
@@ -333,14 +335,14 @@ class Ensemble(Shared):
         companies = [Company(group, self._members, self._take_alone) for group in groups]
         tasks += [(company.take, 0) for company in companies]
         tasks += [(partial(self._take_alone, n), start) for n, start in reached.items() if n not in lanes]
-        carry_out(tasks, rooms, samples, *results)
+        carry_out(tasks, self._room, helpers, samples, *results)
         self._companies = [company.numbers for company in companies if company.all_together]
 
     def _lead_in(self, number: int, *chunk: FloatArray) -> int:
         """Take a member's first samples by itself, until it may join a block; return how many."""
         member, taken = self._members[number], 0
         while taken < chunk[0].shape[0] and may_join(member) and not is_ready(member):
-            self._take_alone(number, self._rooms[0], taken, *(part[: taken + 1] for part in chunk[:2]), *chunk[2:])
+            self._take_alone(number, self._room, taken, *(part[: taken + 1] for part in chunk[:2]), *chunk[2:])
             taken += 1
         return taken
 
@@ -406,10 +408,9 @@ def _refuse_others(identifiers: Sequence[Identifier]) -> None:
         raise InvalidArgumentError("an ensemble knows no reference: give it identifiers whose samples came without r")
 
 
-def _rooms(n_jobs: int | None, members: int) -> list[Room]:
-    """Return one workspace for each thread by joblib's meaning of ``n_jobs``, at most one for each member."""
+def _threads(n_jobs: int | None, members: int) -> int:
+    """Return the number of threads by joblib's meaning of ``n_jobs``, at most one for each member."""
     jobs = 1 if n_jobs is None else whole("n_jobs", n_jobs, -MOST_JOBS)
     if jobs == 0:
         raise InvalidArgumentError("n_jobs must not be 0: 1 is one thread, -1 all processors")
-    threads = jobs if jobs > 0 else max(multiprocessing.cpu_count() + 1 + jobs, 1)
-    return [Room() for _ in range(min(threads, members))]
+    return min(jobs if jobs > 0 else max(multiprocessing.cpu_count() + 1 + jobs, 1), members)

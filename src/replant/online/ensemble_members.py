@@ -7,14 +7,19 @@ member, as a single identifier does it: the start-up, a solution, a look at an a
 from __future__ import annotations
 
 import _thread
+import os
 import threading
+import weakref
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from itertools import groupby
+from queue import SimpleQueue
 
 from replant.estimation.engine.vector_blocks import Block, Room, are_apart, is_under_way, kind_of_block, order
 from replant.estimation.engine.vector_blocks import kind_of_lane as kind
+from replant.kernels.schema import StateSlots
 from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 
@@ -25,6 +30,8 @@ LEAST_APART = 7  # members with streams of their own that a block pays for: it t
 FEWEST = 32  # rows of a chunk that lanes pay for [samples]
 PIECE = 2048  # rows after which it is looked at again who may go together: whose start-up has ended, say [samples]
 PORTION = 8192  # samples after which a thread may go on with other members: none waits long for the last one [samples]
+
+ATTENTION = StateSlots.attention.index  # read in place, as it is read of each member of each chunk
 
 Take = Callable[..., None]  # takes the samples from a row on: (room, row, u, y, errors, parameters)
 Alone = Callable[..., None]  # takes a member's samples: (number, room, row, u, y, errors, parameters)
@@ -124,7 +131,7 @@ class Company:
     def _catch_up(self, number: int, room: Room, reached: int, row: int, *chunk: FloatArray) -> None:
         """Do what is due to a member, and let it take the samples that the others have taken meanwhile."""
         member = self._members[number]
-        if member._state.attention:
+        if member._state.ints[ATTENTION]:
             reached = member._attend_after(reached, chunk[3][number])
         if reached < row:
             self._alone(number, room, reached, *_up_to(row, *chunk))
@@ -132,7 +139,7 @@ class Company:
     def _kind(self, number: int) -> tuple[int, ...] | None:
         """Return the kind of lane that a member fits into now; None while its start-up lasts, or for good."""
         member = self._members[number]
-        if member._state.attention:
+        if member._state.ints[ATTENTION]:
             member._enter()
         return None if member._settings is None else kind(member._state)
 
@@ -141,6 +148,31 @@ def _up_to(row: int, *chunk: FloatArray) -> tuple[FloatArray, ...]:
     """Return the chunk without the samples from a row on; results stay as they are."""
     u, y, *results = chunk
     return u[:row], y[:row], *results
+
+
+class Helper:
+    """A thread that helps with chunks, one after the other: to begin one anew takes as long as a hundred samples."""
+
+    def __init__(self) -> None:
+        self.room = Room()
+        self._process = 0  # in which the thread runs: a fork has none
+        self._works: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+
+    def do(self, work: Callable[[], None]) -> None:
+        """Let the thread do some work after that given before; it ends with the helper."""
+        if self._process != os.getpid():
+            self._works = SimpleQueue()
+            _thread.start_new_thread(_do_all, (self._works,))  # threading.Thread would wait until it runs
+            weakref.finalize(self, self._works.put, None)
+            self._process = os.getpid()
+        self._works.put(work)
+
+
+def _do_all(works: SimpleQueue[Callable[[], None] | None]) -> None:
+    """Do work as it comes, up to None."""
+    while (work := works.get()) is not None:
+        work()
+        del work  # and all that it holds, before the next is waited for
 
 
 class Chunk:
@@ -164,36 +196,38 @@ class Chunk:
         self.wait()
 
 
-def carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], chunk: Chunk, *results: FloatArray) -> None:
-    """Run all tasks over a chunk, each from its start row on, in one thread for each workspace."""
+def carry_out(
+    tasks: Iterable[tuple[Take, int]], room: Room, helpers: Sequence[Helper], chunk: Chunk, *results: FloatArray
+) -> None:
+    """Run all tasks over a chunk, each from its start row on, in this thread and those of the helpers."""
     u, y = chunk.u, chunk.y
     waiting = deque(task for task in tasks if task[1] < len(u))
 
-    def work(room: Room) -> None:
+    def work(room: Room, first: Callable[[], tuple[Take, int]], last: Callable[[tuple[Take, int]], None]) -> None:
         while not chunk.stopped:
             try:
-                take, start = waiting.popleft()  # the task that has waited longest
+                take, start = first()  # the task that has waited longest
             except IndexError:  # the other threads work on the last portions
                 return
             end = start + PORTION
             take(room, start, u[:end], y[:end], *results)
             if end < len(u):
-                waiting.append((take, end))
+                last((take, end))
 
     failed: list[BaseException] = []
 
-    def help_with(room: Room, lock: threading.Lock) -> None:
+    def help_in(room: Room, lock: threading.Lock) -> None:
         with lock:
             try:
-                work(room)
+                # from the other end: in short chunks members stay with one thread, and in its processor's cache
+                work(room, waiting.pop, waiting.appendleft)
             except BaseException as error:  # it is the caller's, as are those of the caller's own thread
                 failed.append(error)
                 chunk.stopped = True
 
-    mine, *others = rooms[: max(len(waiting), 1)]
-    for each in zip(others, chunk.locks, strict=False):
-        _thread.start_new_thread(help_with, each)  # threading.Thread waits until it runs, a pool longer still
-    work(mine)  # after an error others may be at work: `Chunk.stop` waits for them
+    for helper, lock in zip(helpers[: max(len(waiting) - 1, 0)], chunk.locks, strict=False):
+        helper.do(partial(help_in, helper.room, lock))
+    work(room, waiting.popleft, waiting.append)  # after an error others may be at work: `Chunk.stop` waits for them
     chunk.wait()
     if failed:
         raise failed[0]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -88,11 +89,11 @@ def _kind_of_lane(state: State) -> tuple[int, ...] | None:
     return (*common, rest_after > 0, forgets, len(state.reals))
 
 
-def aligned(shape: tuple[int, ...]) -> FloatArray:
-    """Return an array of zeros that begins on a cache line, so that no vector lies across two lines."""
-    size = int(np.prod(shape))
-    room = np.zeros(size + LINE // 8)
-    skip = -room.ctypes.data % LINE // 8
+def aligned(shape: tuple[int, ...], new: Callable[[int], FloatArray] = np.zeros) -> FloatArray:
+    """Return a new array that begins on a cache line, so that no vector lies across two lines."""
+    size = math.prod(shape)
+    room = new(size + LINE // 8)
+    skip = -int(room.__array_interface__["data"][0]) % LINE // 8
     return room[skip : skip + size].reshape(shape)
 
 
