@@ -27,6 +27,7 @@ from replant.kernels.step.miso import REFUSED, learn
 from replant.kernels.step.soundness import is_sound
 from replant.kernels.step.stages import regressors
 from replant.model.transfer_function import TransferFunction
+from replant.numerics import autoregression, linear_algebra
 from replant.numerics.arguments import FloatArray
 from support.cases import every
 from support.places import ROOT
@@ -264,6 +265,12 @@ def check_series() -> None:
         return (result,)
 
     check(whitened)
+
+    def summed() -> tuple[Any, ...]:
+        sums, count = autoregression.sums_of(noise, np.arange(noise.size) % 40)
+        return linear_algebra.sums_of_products(lags.T.copy(), np.array([50, 53])), sums, float(count)
+
+    check(summed)
 
     def followed() -> tuple[Any, ...]:
         states, written = np.zeros((2, LAGUERRE)), np.zeros((50, 2 * LAGUERRE))

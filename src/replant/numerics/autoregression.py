@@ -18,7 +18,7 @@ import numpy as np
 
 from replant.kernels.schema import LAGS
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
-from replant.numerics.linear_algebra import chi2_quantile, inner, products, quiet, roots, sum_of_squares
+from replant.numerics.linear_algebra import chi2_quantile, inner, quiet, roots, sum_of_squares
 
 WHITENESS_LAGS = 25
 """Lags of the portmanteau statistic [samples].
@@ -224,11 +224,12 @@ def in_a_row(used: BoolArray, broken: BoolArray | bool = False) -> IntArray:
 
 def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:
     """Return the sums (LAGS + 1, LAGS + 1) of e_{k-i} e_{k-j} over samples with LAGS known predecessors; how many."""
-    if error.size <= LAGS:
-        return np.zeros((LAGS + 1, LAGS + 1)), 0
-    rows, windows = np.flatnonzero(known >= LAGS), np.lib.stride_tricks.sliding_window_view(error, LAGS + 1)[:, ::-1]
-    past = windows if rows.size == len(windows) else windows[rows - LAGS]
-    return products(past, past), rows.size
+    from replant.kernels.filters import sums
+
+    size = LAGS + 1
+    found, work = np.empty((size, size)), (np.empty((size, sums.WIDTH)), np.empty((size * size, sums.WIDTH)))
+    count = sums.lagged_products(np.ascontiguousarray(error), np.ascontiguousarray(known, np.int64), found, *work)
+    return found, int(count)
 
 
 @quiet

@@ -19,7 +19,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from replant.numerics.arguments import FloatArray
+from replant.numerics.arguments import FloatArray, IntArray
 
 SMALL = 1 << 17  # multiplications that stay in one thread [count]
 SMALL_VECTOR = 1 << 13  # the same of a matrix by a vector, and of two vectors [count]
@@ -28,12 +28,24 @@ ROWS = 1 << 11  # samples that are factored at once: as many of a few columns st
 # 4 MB: the signals of a search in 30,000 samples with models of four poles
 KEPT = 1 << 19  # numbers of an array up to which its memory is kept [count]
 
+NO_EDGES = np.zeros(0, np.int64)
+
 _own = threading.local()
 
 Array = TypeVar("Array", FloatArray, npt.NDArray[np.complex128])
 
 #: Silences NumPy's warnings around computations whose results are checked for being finite afterwards.
 quiet = np.errstate(over="ignore", divide="ignore", invalid="ignore")
+
+
+def sums_of_products(columns: FloatArray, edges: IntArray = NO_EDGES) -> FloatArray:
+    """Return X' X (E + 1, P, P) of the rows X of columns (K, P) before, between and behind E ascending edges."""
+    from replant.kernels.filters import sums
+
+    size = columns.shape[1]
+    found, width = np.empty((edges.size + 1, size, size)), sums.WIDTH
+    sums.products(columns, edges, found, np.empty((size, width)), np.empty((size * size, width)))
+    return found
 
 
 def products(a: Array, b: Array) -> Array:
@@ -144,7 +156,10 @@ def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
     """Return the pseudo-inverses of symmetric matrices (..., T, T); NaN where these are not finite."""
     if np.isfinite(symmetric).all():
         try:
-            return np.asarray(np.linalg.pinv(symmetric, rcond=tolerance, hermitian=True))
+            values, vectors = np.linalg.eigh(symmetric)
+            least = tolerance * np.abs(values).max(axis=-1, keepdims=True, initial=0.0)
+            inverses = np.divide(1.0, values, out=np.zeros_like(values), where=np.abs(values) > least)
+            return np.asarray((vectors * inverses[..., None, :]) @ vectors.mT)
         except np.linalg.LinAlgError:
             pass
     return np.full_like(symmetric, np.nan)

@@ -38,12 +38,16 @@ def orthogonal(matrix: FloatArray) -> FloatArray:
 
 def without(columns: FloatArray, nuisances: FloatArray) -> FloatArray:
     """Return columns (K, C) minus their least-squares projection onto the nuisances (K, N)."""
-    square = products(nuisances, nuisances)
+    weights = weights_by(products(nuisances, nuisances), products(nuisances, columns))
+    return np.asarray(columns - combined(nuisances, weights))
+
+
+def weights_by(square: FloatArray, told: FloatArray) -> FloatArray:
+    """Return the weights (N, ...) of columns that explain most, by the sums N'N (N, N) and N'x (N, ...)."""
     lengths = np.sqrt(np.diag(square))
     units = np.where(lengths > 0.0, lengths, 1.0)
     basis = orthogonal(square / np.outer(units, units)) / units[:, None]
-    weights = basis @ (basis.T @ products(nuisances, columns))
-    return np.asarray(columns - np.einsum("ij,jk->ik", nuisances, weights))
+    return np.asarray(basis @ (basis.T @ told))
 
 
 def amounts_of(columns: FloatArray, signal: FloatArray, weakest: float = WEAKEST) -> FloatArray:

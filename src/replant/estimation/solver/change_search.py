@@ -18,7 +18,6 @@ Source: Andrews (1993), "Tests for parameter instability and structural change w
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -32,8 +31,16 @@ from replant.estimation.solver.srivc_steps import Problem, least_since
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import borrowed, chi2_quantile, inverse_of, products, pseudo_inverse, quiet
-from replant.numerics.projections import without
+from replant.numerics.linear_algebra import (
+    borrowed,
+    chi2_quantile,
+    combined,
+    inverse_of,
+    pseudo_inverse,
+    quiet,
+    sums_of_products,
+)
+from replant.numerics.projections import weights_by
 
 # a change in between loses a thirty-second of the samples that tell it
 BEGINS = 32  # samples since which a change is looked for, evenly spread over the record [count]
@@ -110,7 +117,8 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
     with borrowed(record.u.size, bare.size + 1) as signals:
         beside = Problem(structure, record).scores(bare, signals)
         # of the model with its nuisances, in which the residual is linear
-        error = signals[:, -1] = without(signals[:, -1:], signals[:, size:-1])[:, 0]
+        weights = weights_by(*np.split(sums_of_products(signals)[0, size:-1, size:], [-1], axis=1))[:, 0]
+        error = signals[:, -1] = signals[:, -1] - combined(signals[:, size:-1], weights)
         noise = Stretch.of(record, slice(None)).colour(error)
         if not float(np.std(error)) * beside >= HARMLESS * float(np.std(record.y)):  # nor where it is NaN
             return 0
@@ -157,9 +165,7 @@ def _scatter(products: FloatArray, begin: int) -> float:
 
 def _sums(signals: FloatArray, begins: IntArray) -> FloatArray:
     """Return the sums of products (1 + B, T + 1, T + 1) of all samples, and since some ascending ones."""
-    edges = [0, *begins.tolist(), len(signals)]
-    sums = [products(signals[a:b], signals[a:b]) for a, b in pairwise(edges)]
-    return np.asarray(np.cumsum(sums[::-1], axis=0)[::-1])
+    return np.asarray(np.cumsum(sums_of_products(signals, begins)[::-1], axis=0)[::-1])
 
 
 def _worst(since: FloatArray, units: FloatArray, size: int, begins: IntArray) -> tuple[float, int]:
