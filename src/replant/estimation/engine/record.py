@@ -76,6 +76,11 @@ class Record:
         return np.ones(self.u.size, bool) if self.measured is None else self.measured
 
     @cached_property
+    def spread(self) -> float:
+        """Standard deviation of the output."""
+        return float(np.std(self.y)) if self.y.size else 0.0
+
+    @cached_property
     def predecessors(self) -> IntArray:
         """How many outputs before each (K,) were measured a sampling time apart, up to LAGS; jitter counts as none."""
         if self.measured is None:

@@ -186,7 +186,7 @@ class Contest:
         if not again:
             noise = self.stretch.of_other(self.error, self.known.noise) - self.usual
             found = [self._claim(Supposition.NOTHING, 0.0), self._claim(Supposition.NOISE, noise)]
-        if float(np.std(self.error)) < HARMLESS * float(np.std(self.problem.record.y)):
+        if float(np.std(self.error)) < HARMLESS * self.problem.record.spread:
             return found
         models = [self.known.mean]
         for claim in self._of_models():

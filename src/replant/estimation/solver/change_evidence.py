@@ -206,7 +206,7 @@ class Stretch:
         """Return the ``rows`` of a record, parted behind so many of them."""
         measured = record.is_measured[rows]
         parts = tuple(part for part in (slice(0, middle), slice(middle, measured.size)) if measured[part].any())
-        least = (FINEST * float(np.std(record.y) if record.y.size else 0.0)) ** 2 + np.finfo(float).tiny
+        least = (FINEST * record.spread) ** 2 + np.finfo(float).tiny
         return cls(record.predecessors[rows], measured, parts, least)
 
     @property

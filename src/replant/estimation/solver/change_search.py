@@ -38,6 +38,7 @@ from replant.numerics.linear_algebra import (
     inverse_of,
     pseudo_inverse,
     quiet,
+    sum_of_squares,
     sums_of_products,
 )
 from replant.numerics.projections import weights_by
@@ -120,7 +121,8 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
         weights = weights_by(*np.split(sums_of_products(signals)[0, size:-1, size:], [-1], axis=1))[:, 0]
         error = signals[:, -1] = signals[:, -1] - combined(signals[:, size:-1], weights)
         noise = Stretch.of(record, slice(None)).colour(error)
-        if not float(np.std(error)) * beside >= HARMLESS * float(np.std(record.y)):  # nor where it is NaN
+        power = sum_of_squares(error) / max(record.count, 1)
+        if not math.sqrt(power) * beside >= HARMLESS * record.spread:  # nor where it is NaN
             return 0
         return surest_begin(noise.whiten_known(signals, record.predecessors), size, fewest, record.count)[0]
 

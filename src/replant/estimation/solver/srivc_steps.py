@@ -77,7 +77,9 @@ class Problem:
         if alone:
             _, output = self._model.branch(model, record, constant=True, rows=signals)
             np.subtract(record.y, output, out=signals[:, -1])
-            signals[: self._unknown] = signals[~record.is_measured] = 0.0
+            signals[: self._unknown] = 0.0
+            if record.measured is not None:
+                signals[~record.measured] = 0.0
             return 1.0
         # the error is the measured less the predicted output; where the model is stable it is the residual itself
         done = self.run_whole(model)
