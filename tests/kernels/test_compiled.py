@@ -19,6 +19,7 @@ from replant.kernels.filters import autoregressions, bank, chain
 from replant.kernels.filters.autoregressions import fill_all_pole, fill_play
 from replant.kernels.filters.reference import functions
 from replant.kernels.monitoring import interruptions, scatter
+from replant.kernels.monitoring.changes import since_each
 from replant.kernels.native import KERNELS, Kernel, interpreted
 from replant.kernels.schema import LAGS, LAGUERRE
 from replant.kernels.step.bank import weigh
@@ -268,7 +269,9 @@ def check_series() -> None:
 
     def summed() -> tuple[Any, ...]:
         sums, count = autoregression.sums_of(noise, np.arange(noise.size) % 40)
-        return linear_algebra.sums_of_products(lags.T.copy(), np.array([50, 53])), sums, float(count)
+        parts, found = linear_algebra.sums_of_products(lags.T.copy(), np.array([50, 53])), np.empty(2)
+        since_each(np.cumsum(parts[::-1], axis=0)[::-1].copy(), 2, found, np.empty((2 * LAGS, 2 * LAGS + 1)))
+        return parts, sums, float(count), found
 
     check(summed)
 

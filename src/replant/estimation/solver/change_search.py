@@ -36,7 +36,6 @@ from replant.numerics.linear_algebra import (
     chi2_quantile,
     combined,
     inverse_of,
-    pseudo_inverse,
     quiet,
     sum_of_squares,
     sums_of_products,
@@ -47,8 +46,6 @@ from replant.numerics.projections import weights_by
 BEGINS = 32  # samples since which a change is looked for, evenly spread over the record [count]
 # their variance is then known to a sixth, and a block is long beside the colour that a noise model leaves
 BLOCKS = 64  # blocks of samples whose scores tell how these scatter [count]
-# some hundred thousand times float64's precision, as sums of squares have half the digits
-SAME = 1e-9  # singular value of the scores' covariance below which a direction tells nothing [part of the largest]
 
 
 class PlantChange(NamedTuple):
@@ -139,19 +136,18 @@ def surest_begin(signals: FloatArray, size: int, fewest: int, count: int) -> tup
     variance = since[0, -1, -1] / max(count - lengths.size + 1, 1)
     if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
         return 0, 0.0
-    units = np.append(np.where(lengths[:-1] > 0.0, lengths[:-1], 1.0), 1.0)
-    largest, begin = _worst(since, units, size, begins)
+    largest, begin = _worst(since, size, begins)
     limit = chi2_quantile(1.0 - ALPHA / begins.size, size) * variance
     if not largest > limit:  # the scatter of blocks only raises the limit
         return 0, 0.0
-    limit *= _scatter(signals[:, :size] / units[:size] * signals[:, -1:] / math.sqrt(variance), begin)
+    limit *= _scatter(signals[:, :size] / lengths[:size] * signals[:, -1:] / math.sqrt(variance), begin)
     if not largest > limit:
         return 0, 0.0
     step = int(begins[1] - begins[0])
     while step > 1:
         ends = max(begin - step, fewest), min(begin + step, samples - fewest)
         nearer = np.unique(np.linspace(*ends, BEGINS).astype(int))
-        begin, step = _worst(_sums(signals, nearer), units, size, nearer)[1], int(nearer[1] - nearer[0])
+        begin, step = _worst(_sums(signals, nearer), size, nearer)[1], int(nearer[1] - nearer[0])
     return begin, largest / limit
 
 
@@ -167,26 +163,14 @@ def _scatter(products: FloatArray, begin: int) -> float:
 
 def _sums(signals: FloatArray, begins: IntArray) -> FloatArray:
     """Return the sums of products (1 + B, T + 1, T + 1) of all samples, and since some ascending ones."""
-    return np.asarray(np.cumsum(sums_of_products(signals, begins)[::-1], axis=0)[::-1])
+    return np.ascontiguousarray(np.cumsum(sums_of_products(signals, begins)[::-1], axis=0)[::-1])
 
 
-def _worst(since: FloatArray, units: FloatArray, size: int, begins: IntArray) -> tuple[float, int]:
-    """Return the largest statistic of `_sums` in ``units`` (T + 1,), and the sample since which it is."""
-    scaled = since[:, :-1] / units[:-1, None] / units
-    statistics = _statistics(scaled[0], scaled[1:], size)
-    worst = len(statistics) - 1 - int(np.argmax(statistics[::-1]))  # of equal ones the last
+def _worst(since: FloatArray, size: int, begins: IntArray) -> tuple[float, int]:
+    """Return the largest statistic of `_sums`, and the sample since which it is."""
+    from replant.kernels.monitoring import changes
+
+    statistics, twice = np.empty(begins.size), 2 * (since.shape[1] - 1)
+    changes.since_each(since, size, statistics, np.empty((twice, twice + 1)))
+    worst = statistics.size - 1 - int(np.argmax(statistics[::-1]))  # of equal ones the last
     return float(statistics[worst]), int(begins[worst])
-
-
-def _statistics(whole: FloatArray, since: FloatArray, size: int) -> FloatArray:
-    """Return g' C^-1 g of the first ``size`` scores since each of some samples, less what the nuisances explain."""
-    if not (np.isfinite(whole).all() and np.isfinite(since).all()):
-        return np.zeros(len(since))
-    # whole (T, T + 1), since (B, T, T + 1): sums of zeta zeta' and zeta w; at once, as a call takes longer than numbers
-    square, told = since[..., :-1], since[..., -1:]
-    learned = pseudo_inverse(whole[:, :-1], SAME)
-    left = np.concatenate([square - square @ (learned @ square), told - square @ (learned @ whole[:, -1:])], axis=-1)
-    scores, beside = left[:, :size], left[:, size:]
-    scores = scores - scores[..., size:-1] @ (pseudo_inverse(beside[..., size:-1], SAME) @ beside)
-    covariance, rest = scores[..., :size], scores[..., -1:]
-    return np.asarray((rest.mT @ (pseudo_inverse(covariance, SAME) @ rest))[:, 0, 0])

@@ -1,0 +1,48 @@
+"""How much better another model fits since each of some samples, see `replant.estimation.solver.change_search`."""
+
+from replant.kernels.native import Cube, Matrix, Reals, kernel
+
+# some hundred thousand times float64's precision, as sums of squares have half the digits
+SAME = 1e-9  # power that others leave of a column since some sample, below which it tells nothing [part of all of it]
+
+
+def eliminate(matrix, j, least):
+    """Take what a row explains off those below it; return whether those above have left more of it than the least."""
+    pivot, rows = matrix[j, j], matrix.shape[0]
+    if not pivot > least:
+        return False
+    for i in range(j + 1, rows):
+        part = matrix[i, j] / pivot
+        for k in range(j, rows + 1):
+            matrix[i, k] -= part * matrix[j, k]
+    return True
+
+
+@kernel(
+    "sums.shape[0] > statistics.size and sums.shape[1] == sums.shape[2] and 0 <= size < sums.shape[1]",
+    "matrix.shape[0] == 2 * (sums.shape[1] - 1) and matrix.shape[1] == matrix.shape[0] + 1",
+)
+def since_each(sums: Cube, size: int, statistics: Reals, matrix: Matrix):
+    """Write g' C^-1 g of the first ``size`` columns since each of B samples, less what the others since explain.
+
+    ``sums`` (B + 1, T + 1, T + 1) are those of the products of T columns and a residual: M and m of all samples, M_b
+    and m_b since each.  Elimination of the first half of
+
+        [ M    M_b | m   ]
+        [ M_b  M_b | m_b ]
+
+    leaves C = M_b - M_b M^-1 M_b and g = m_b - M_b M^-1 m in the second, of which the other columns go first.
+    ``matrix`` (2 T, 2 T + 1) is work.
+    """
+    T = sums.shape[1] - 1
+    for b in range(statistics.size):
+        for i in range(2 * T):
+            row = (size + i) % T
+            for j in range(2 * T):
+                matrix[i, j] = sums[0 if i < T and j < T else b + 1, row, (size + j) % T]
+            matrix[i, 2 * T] = sums[0 if i < T else b + 1, row, T]
+        statistics[b] = 0.0
+        for j in range(2 * T):
+            row = (size + j) % T
+            if eliminate(matrix, j, SAME * sums[0, row, row]) and j >= 2 * T - size:
+                statistics[b] += matrix[j, 2 * T] * matrix[j, 2 * T] / matrix[j, j]
