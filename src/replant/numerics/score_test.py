@@ -71,13 +71,19 @@ class Residual:
     white: FloatArray  # (U,): the whitened residual
     lengths: FloatArray  # (N,): of the known columns as they were given
     past: IntArray  # (K,): how many samples in a row come before each
-    used: BoolArray  # (K,)
+    used: BoolArray | slice  # (K,), or all
 
     @classmethod
     def of(
-        cls, error: FloatArray, known: FloatArray, past: IntArray, used: BoolArray, noise: Autoregression | None = None
+        cls,
+        error: FloatArray,
+        known: FloatArray,
+        past: IntArray,
+        used: BoolArray | slice,
+        noise: Autoregression | None = None,
     ) -> Residual:
         """Return that of an error (K,) and known columns (K, N); a constant is always known."""
+        used = slice(None) if not isinstance(used, slice) and used.all() else used  # a view where a copy takes longer
         known = np.column_stack([known, np.ones(error.size)])
         lengths = lengths_of(known)
         known = known / lengths

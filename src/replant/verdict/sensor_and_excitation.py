@@ -205,9 +205,8 @@ def stuck_finding(
     rounding = ROUNDING * float(y.std())
     # on a fine scale, where ties are no chance, one standard deviation is enough, as in the recursion
     least = max((1.0 if resolved else MOVED_SIGMAS) * noise, STEPS * usual_step(y), rounding)
-    for begin, end in still_runs(y)[::-1]:
-        if end - begin < MANY:
-            continue
+    runs = still_runs(y)
+    for begin, end in runs[runs[:, 1] - runs[:, 0] >= MANY][::-1]:
         moved = float(np.ptp(modelled[begin:end]))
         if moved > least:
             lasted = float(seconds[end - 1] - seconds[begin])
