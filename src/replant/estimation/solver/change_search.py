@@ -115,7 +115,8 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
     with borrowed(record.u.size, bare.size + 1) as signals:
         beside = Problem(structure, record).scores(bare, signals)
         # of the model with its nuisances, in which the residual is linear
-        weights = weights_by(*np.split(sums_of_products(signals)[0, size:-1, size:], [-1], axis=1))[:, 0]
+        sums = sums_of_products(signals)[0]
+        weights = weights_by(sums[size:-1, size:-1], sums[size:-1, -1])
         error = signals[:, -1] = signals[:, -1] - combined(signals[:, size:-1], weights)
         noise = Stretch.of(record, slice(None)).colour(error)
         power = sum_of_squares(error) / max(record.count, 1)
