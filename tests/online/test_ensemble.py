@@ -395,3 +395,12 @@ def test_what_an_ensemble_shows() -> None:
 def test_mistakes(make: Callable[[], Any], message: str) -> None:
     with pytest.raises(rp.ReplantError, match=message):
         make()
+
+
+def test_an_ensemble_says_what_it_is_in_a_line() -> None:
+    ensemble = rp.Ensemble(rp.Identifier(STRUCTURE, DT), 3)
+    assert repr(ensemble) == "<Ensemble of 3 identifiers of a1, a0, b1, b0: 0 samples, 3 starting>"
+    u, y = streams(3, 2000)
+    y[:, 2] = np.nan
+    ensemble.update_many(u, y)
+    assert repr(ensemble) == "<Ensemble of 3 identifiers of a1, a0, b1, b0: 2,000 samples, 2 running, 1 starting>"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any
@@ -99,6 +100,11 @@ class Ensemble(Shared):
 
     def __len__(self) -> int:
         return len(self._members)
+
+    @reads
+    def __repr__(self) -> str:
+        statuses = ", ".join(f"{count} {status}" for status, count in Counter(self.status).items())
+        return f"<Ensemble of {len(self)} identifiers of {', '.join(self.names)}: {self.taken:,} samples, {statuses}>"
 
     @reads
     def __getstate__(self) -> dict[str, Any]:
