@@ -120,6 +120,12 @@ def test_the_previous_one_is_found_through_a_link(file: Path, tmp_path: Path) ->
     assert saving.load(link).identifier.samples == 10
 
 
+def test_a_model_is_no_checkpoint_and_the_message_says_what_reads_it(tmp_path: Path) -> None:
+    rp.Model(rp.Structure(1), [1.0, 2.0], 0.1).save(tmp_path / "model.json")
+    with pytest.raises(rp.DamagedCheckpointError, match=r"it is not a checkpoint; .*`load_model` reads a model"):
+        rp.load(tmp_path / "model.json")
+
+
 @every("name", ["log.csv", "log.npz", "log.parquet", "log.mat"])
 def test_a_log_is_no_checkpoint_and_the_message_says_what_reads_it(tmp_path: Path, name: str) -> None:
     file = tmp_path / name

@@ -189,7 +189,8 @@ def _parts(data: bytes) -> tuple[dict[str, Any], memoryview]:
     if not data:
         raise DamagedCheckpointError("it is empty")
     if data[: len(MAGIC)] != MAGIC:
-        raise DamagedCheckpointError("it is not a checkpoint; `Identifier.save` writes one, and `read_log` reads a log")
+        others = "`load_model` reads a model, and `read_log` a log"
+        raise DamagedCheckpointError(f"it is not a checkpoint; `Identifier.save` writes one, {others}")
     if len(data) < START.size + DIGEST:
         raise DamagedCheckpointError("it is cut off")
     _, version, length = START.unpack_from(data)
