@@ -412,6 +412,9 @@ def test_killed_five_times_under_load_it_goes_on_to_the_bit(tmp_path: Path) -> N
     [
         (("-", "--dt", "0.1"), "--poles is missing"),
         (("-", "--poles", "1"), "--dt is missing"),
+        (("nowhere.csv", "--poles", "1"), "nowhere.csv: no such file; check the path"),
+        (("nowhere.csv?speed=1",), "nowhere.csv: no such file; check the path"),
+        ((f"{__file__}?speed=1", "--poles", "1"), "--dt is missing"),
         (("ftp://x", *MODEL), "unknown scheme"),
         (
             ("tcp://127.0.0.1:9", *MODEL, "--for", "tomorrow"),

@@ -19,6 +19,7 @@ from replant.live.judge_process import DashboardAddress
 from replant.live.progress import Asked, Limits
 from replant.live.session import run
 from replant.live.streams import UY, Signals
+from replant.live.streams.addresses import parts_of
 from replant.live.view import UNNAMED
 from replant.numerics.operating_system import one_line
 from replant.online.miso_identifier import RowIdentifier
@@ -119,6 +120,7 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
     """
     if loop:
         source = looped(source)
+    parts_of(source)  # raises where there is no such source, before an option is missed
     demo = demo_of(source)
     if demo is not None:
         if _signals(options) != UY:

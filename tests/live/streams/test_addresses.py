@@ -37,7 +37,7 @@ from support.cases import every
         ("mqtt://127.0.0.1/rig/%23/1", "# for all that follow"),
         ("mqtt:///rig", "the broker is missing"),
         ("mqtt://127.0.0.1/rig?qos=2", "qos must be one of 0, 1"),
-        ("nothing-of-the-kind", "unknown file type"),
+        ("nothing-of-the-kind", "no such file"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(url: str, message: str) -> None:

@@ -122,19 +122,21 @@ def test_what_is_wrong_is_said_in_one_line(log: Path, name: str, message: str) -
 
 
 def test_signals_with_stamps_of_their_own_are_merged(
-    read: Callable[..., Reading], monkeypatch: pytest.MonkeyPatch
+    read: Callable[..., Reading], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     t = np.arange(40) * 0.01
     signals = {"u": Signal(t[::4], t[::4]), "y": Signal(t, 2.0 * t)}
     table = channel_table(Path("log.ulg"), [(name, lambda name=name: signals[name]) for name in signals])
     monkeypatch.setattr(demo, "read_columns", lambda path: table)
-    reading = read(open_source("log.csv"))
+    log = tmp_path / "log.csv"
+    log.touch()
+    reading = read(open_source(f"{log}"))
     reading.join()
     assert np.array_equal(reading.column("t"), t)
     assert np.array_equal(reading.column("u"), np.repeat(t[::4], 4))
     assert np.array_equal(reading.column("y"), 2.0 * t)
     with pytest.raises(LogError, match="columns 'u', 'y' have different time stamps; leave the time"):
-        open_source("log.csv?dt=0.01")
+        open_source(f"{log}?dt=0.01")
 
 
 @pytest.mark.parametrize("clock", ["", "&dt=0.01"])

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib
 import math
+import os
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
-from replant.errors import InvalidArgumentError
+from replant.errors import InvalidArgumentError, LogError
 from replant.live.streams.reader_thread import Source
 from replant.live.streams.source import UY, Columns, Signals
 
@@ -161,7 +162,7 @@ def open_source(url: str, signals: Signals = UY) -> Source:
     >>> batch.t[:3], batch.sequence[:3]
     (array([0.   , 0.001, 0.002]), array([0, 1, 2]))
     """
-    address, opener = _address_of(url)
+    address, opener = parts_of(url)
     module, _, opens = opener.partition(".")
     source: Source = getattr(importlib.import_module(f"replant.live.streams.{module}"), opens)(
         address, _columns_of(address, signals), signals
@@ -169,7 +170,7 @@ def open_source(url: str, signals: Signals = UY) -> Source:
     return source
 
 
-def _address_of(url: str) -> tuple[Address, str]:
+def parts_of(url: str) -> tuple[Address, str]:
     """Return the parts of a URL, and the name of what opens it."""
     scheme, separator, _ = url.partition("://")
     if separator:
@@ -182,8 +183,10 @@ def _address_of(url: str) -> tuple[Address, str]:
         path, query = url, ""
     if not path:
         raise InvalidArgumentError(f"{url!r}: the source is missing; write {SCHEMES['tcp'][1]}, {_OTHERS}")
-    address = Address(url, "", path=path, options=options_of(url, query))
-    return address, {"-": "serial_and_network.PipeSource", "demo": "demo.DemoSource"}.get(path, "demo.open_replay")
+    opener = {"-": "serial_and_network.PipeSource", "demo": "demo.DemoSource"}.get(path, "demo.open_replay")
+    if opener == "demo.open_replay" and not os.path.exists(path):  # noqa: PTH110 - for Path some names are an error
+        raise LogError(f"{path}: no such file; check the path")
+    return Address(url, "", path=path, options=options_of(url, query)), opener
 
 
 def _columns_of(address: Address, signals: Signals) -> Columns:
