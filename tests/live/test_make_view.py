@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.estimation.simulation.fitted_run import FittedRun
 from replant.live.make_view import POINTS, EstimateHistory, make_view
 from replant.live.outputs.message import UNKNOWN
 from replant.live.streams import Signals
@@ -34,6 +35,14 @@ def test_a_view_agrees_with_its_identifier() -> None:
     np.testing.assert_allclose(found.bode.magnitude_db, 20 * np.log10(np.abs(response)), atol=0.2)
     assert (found.bode.magnitude_low < found.bode.magnitude_db).all()
     assert (found.bode.magnitude_db < found.bode.magnitude_high).all()
+
+
+def test_the_newest_samples_are_simulated_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs, take = [], FittedRun.take
+    monkeypatch.setattr(FittedRun, "take", lambda self, u, *more: (runs.append(u.size), take(self, u, *more))[1])
+    view = viewed(900)
+    assert runs == [900]
+    assert view.model["fit"]["simulated"] == view.simulated
 
 
 def test_the_window_shows_the_newest_samples_in_their_own_units() -> None:

@@ -21,7 +21,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.robust import joined, stretches_of
 from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
-from replant.online.running_model import NewestSamples, model_of, newest_of_row, newest_samples
+from replant.online.running_model import NewestSamples, model_of, newest_of_row, newest_run, newest_samples
 from replant.plotting.diagrams import with_conjugates
 from replant.plotting.numbers import mapped_label, true_parameters
 from replant.plotting.over_time import thin
@@ -173,23 +173,27 @@ class _Seen(NamedTuple):
 
 def _seen(identifier: Identifier, finite: bool, at: float, signals: Signals) -> _Seen:
     model, newest, verdict = identifier.transfer_function, newest_samples(identifier), identifier.assess()
-    preprocess = identifier.request.preprocess
+    preprocess, kept = identifier.request.preprocess, {}
     output, fit = np.full(newest.output.size, np.nan), math.nan
-    if finite and newest.judged.any():
-        with np.errstate(all="ignore"):
-            run = simulate(
-                model, newest.input, newest.known_output, identifier.dt, input_hold=identifier.input_hold,
-                t=None if newest.regular else _times(newest, at),
-            )  # fmt: skip
-        output, fit = run.output, run.fit
+    if finite:
+        run, ahead = newest_run(identifier, newest)
+        if not callable(preprocess.input_map):  # which JSON cannot hold
+            kept = as_object(model_of(identifier, run, ahead, verdict))
+        if run.is_prediction:  # a window shows what the input alone explains
+            with np.errstate(all="ignore"):
+                run = simulate(
+                    model, newest.input, newest.known_output, identifier.dt, input_hold=identifier.input_hold,
+                    t=None if newest.regular else _times(newest, at),
+                )  # fmt: skip
+        if newest.judged.any():
+            output, fit = run.output, run.fit
     return _Seen(
         ((mapped_label(signals.inputs[0], preprocess.input_map), identifier.structure, model, identifier.uncertainty),),
         newest,
         output,
         fit,
         verdict,
-        # JSON cannot hold an input map that is a Python function
-        as_object(model_of(identifier, verdict=verdict)) if finite and not callable(preprocess.input_map) else {},
+        kept,
     )
 
 

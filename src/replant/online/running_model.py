@@ -31,7 +31,7 @@ def model_of(
 ) -> Model:
     """Return the model of a running identification."""
     if simulation is None:
-        simulation, one_step_fit = _newest(estimate)
+        simulation, one_step_fit = newest_run(estimate, newest_samples(estimate))
     settings, verdict = estimate.settings, estimate.assess() if verdict is None else verdict
     preprocess = estimate.request.preprocess if settings is None else settings.preprocess
     entered, given = _number(preprocess.input_offset), simulation.offset  # not known yet during start-up: 0
@@ -64,16 +64,15 @@ def _number(level: float | str) -> float:
 
 
 @quiet
-def _newest(estimate: Estimate) -> tuple[Simulation, float]:
-    """Return the simulation over the newest samples, and its fit one step ahead."""
-    newest = newest_samples(estimate)
+def newest_run(estimate: Estimate, newest: NewestSamples) -> tuple[Simulation, float]:
+    """Return the run of the model over the newest samples, and its fit one step ahead."""
     u, y = newest.input, newest.known_output
     if u.size == 0:
         return Simulation(u, 0.0, np.nan), np.nan
     preprocess = estimate.request.preprocess if estimate.settings is None else estimate.settings.preprocess
-    level = _number(preprocess.input_offset)
+    u, model = u - _number(preprocess.input_offset), estimate.transfer_function
     t = None if newest.regular else np.cumsum(newest.intervals)
-    found = model_output(estimate.transfer_function, u - level, y, estimate.dt, input_hold=estimate.input_hold, t=t)
+    found = model_output(model, u, y, estimate.dt, input_hold=estimate.input_hold, t=t)
     return found, found.fit if found.is_prediction else fit_percent(y, y - one_step(y - found.output))
 
 
