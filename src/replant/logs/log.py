@@ -186,14 +186,14 @@ class Log:
         return float(self.stamps[-1]) - first + self.dt - self.rest * self.dt
 
     def to_pandas(self) -> Any:
-        """Return a `pandas.DataFrame` of the signals, under their names in the file, over time in s.
+        """Return a `pandas.DataFrame` of signals and other columns over time in s; its ``attrs`` hold the rest.
 
         Raises
         ------
         MissingDependencyError
             Without pandas.
         InvalidArgumentError
-            If two signals have the same name.
+            If two columns have the same name.
 
         Examples
         --------
@@ -204,18 +204,20 @@ class Log:
         0.0       0.0  0.0
         0.5       1.0  0.1
         """
-        return interop.log_frame(self._signals, self.time, self.dt, self.path.name)
+        return interop.log_frame(*self._parts)
 
     def to_xarray(self) -> Any:
         """Return an `xarray.Dataset` of the signals over time in s; their names and units are attributes.
 
         The variables are ``input``, ``output`` and, if there is one, ``reference``; further ones ``input_2``,
-        ``reference_2`` and so on.
+        ``reference_2`` and so on.  Other columns have their own names.
 
         Raises
         ------
         MissingDependencyError
             Without xarray.
+        InvalidArgumentError
+            If another column has one of these names.
 
         Examples
         --------
@@ -224,15 +226,17 @@ class Log:
         >>> log.to_xarray()["output"].attrs
         {'long_name': 'speed', 'units': 'rpm'}
         """
-        return interop.log_dataset(self._signals, self.time, self.dt, self.path.name)
+        return interop.log_dataset(*self._parts)
 
     @property
-    def _signals(self) -> dict[str, tuple[str, NDArray[np.float64]]]:
+    def _parts(self) -> tuple[interop.Signals, interop.Others, NDArray[np.float64] | None, dict[str, Any]]:
         signals = {"input": (self.input_name, self.input), "output": (self.output_name, self.output)}
         signals |= {f"input_{i}": (name, self.others[name]) for i, name in enumerate(self.more_inputs, 2)}
         if self.reference is not None:
             signals |= {"reference": (self.reference_name, self.reference)}
-        return signals | {f"reference_{i}": (name, self.others[name]) for i, name in enumerate(self.more_references, 2)}
+        signals |= {f"reference_{i}": (name, self.others[name]) for i, name in enumerate(self.more_references, 2)}
+        about = {"dt": self.dt, "input_hold": self.input_hold, "source": self.path.name}
+        return signals, unused(self.others, self.more_inputs, self.more_references), self.time, about
 
 
 def changed(

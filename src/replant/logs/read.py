@@ -124,7 +124,8 @@ def log_of_frame(
         columns["time"] = given.clock
     log = _held(open_recording(given.table, **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize))
     beside = given.beside({*named, *time_columns(given.table)}, len(log))
-    return replace(log, path=Path(), others={**beside, **log.others})
+    hold = getattr(frame, "attrs", {}).get("input_hold", log.input_hold)  # of `Log.to_pandas`
+    return replace(log, path=Path(), others={**beside, **log.others}, input_hold=hold)
 
 
 def _held(recording: Recording) -> Log:

@@ -61,34 +61,36 @@ def trace_dataset(
     )
 
 
-def log_frame(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | None, dt: float, source: str) -> Any:
-    """Return a log as a `pandas.DataFrame`."""
-    names = [name for name, _ in signals.values()]
+Signals = Mapping[str, tuple[str, FloatArray]]  # of a log: of each role its column's name and its samples
+Others = Mapping[str, FloatArray]  # its other columns
+
+
+def log_frame(signals: Signals, others: Others, time: FloatArray | None, about: Mapping[str, Any]) -> Any:
+    """Return a log as a `pandas.DataFrame`, and what there is to say about it, ``dt`` among it, as its attributes."""
+    columns = [*signals.items(), *(("another column", one) for one in others.items())]
+    names = [name for _, (name, _) in columns]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        both = " and ".join(role for role, (name, _) in signals.items() if name == twice)
+        both = " and ".join(role for role, (name, _) in columns if name == twice)
         raise InvalidArgumentError(f"{both} are both named {twice!r}: give them names of their own")
-    clock = _clock(next(iter(signals.values()))[1].size, dt) if time is None else time
-    frame = _pandas().DataFrame(dict(signals.values()), index=_index("time", clock))
-    frame.attrs = {
-        **_sampling(dt),
-        **{role: name for role, (name, _) in signals.items()},
-        "units": {name: unit_of(name) for name in names if unit_of(name)},
-        "source": source,
-    }
+    clock = _clock(columns[0][1][1].size, about["dt"]) if time is None else time
+    frame = _pandas().DataFrame(dict(each for _, each in columns), index=_index("time", clock))
+    roles = {role: name for role, (name, _) in signals.items()}
+    frame.attrs = {**about, **roles, "units": {name: unit_of(name) for name in names if unit_of(name)}}
     return frame
 
 
-def log_dataset(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | None, dt: float, source: str) -> Any:
-    """Return a log as an `xarray.Dataset`, whose variables have the names of the roles."""
-    clock = _clock(next(iter(signals.values()))[1].size, dt) if time is None else time
+def log_dataset(signals: Signals, others: Others, time: FloatArray | None, about: Mapping[str, Any]) -> Any:
+    """Return a log as an `xarray.Dataset`, whose variables have the names of the roles, or of the other columns."""
+    taken = next((name for name in others if name in {*signals, "time"}), None)
+    if taken is not None:
+        raise InvalidArgumentError(f"another column is named {taken!r}, as the dataset names its own: rename it")
+    clock = _clock(signals["input"][1].size, about["dt"]) if time is None else time
     described = {
-        role: (("time",), samples.copy(), {"long_name": without_unit(name), "units": unit_of(name)})
-        for role, (name, samples) in signals.items()
+        key: (("time",), samples.copy(), {"long_name": without_unit(name), "units": unit_of(name)})
+        for key, (name, samples) in {**signals, **{name: (name, each) for name, each in others.items()}}.items()
     }
-    return _xarray().Dataset(
-        described, coords={"time": _axis("time", clock.copy())}, attrs={**_sampling(dt), "source": source}
-    )
+    return _xarray().Dataset(described, coords={"time": _axis("time", clock.copy())}, attrs=dict(about))
 
 
 def parameter_units(names: Sequence[str]) -> dict[str, str]:

@@ -53,8 +53,8 @@ def test_a_trace_as_a_dataset() -> None:
 
 def test_logs_as_frames() -> None:
     signals = {"input": ("u", np.zeros(2)), "output": ("y [rpm]", np.ones(2))}
-    assert log_frame(signals, None, 0.5, "log.csv").attrs["units"] == {"y [rpm]": "rpm"}
-    assert list(log_dataset(signals, None, 0.5, "log.csv")) == ["input", "output"]
+    assert log_frame(signals, {}, None, {"dt": 0.5}).attrs["units"] == {"y [rpm]": "rpm"}
+    assert list(log_dataset(signals, {"pump": np.ones(2)}, None, {"dt": 0.5})) == ["input", "output", "pump"]
 
 
 def test_systems_of_other_libraries() -> None:

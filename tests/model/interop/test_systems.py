@@ -175,6 +175,7 @@ def test_a_log_as_a_data_frame() -> None:
     assert list(frame.index) == [0.0, 0.5, 1.0]
     assert frame.attrs == {
         "dt": 0.5,
+        "input_hold": "zoh",
         "input": "voltage [V]",
         "output": "speed [rpm]",
         "units": {"voltage [V]": "V", "speed [rpm]": "rpm"},
@@ -186,7 +187,24 @@ def test_a_log_as_a_dataset() -> None:
     data = log().to_xarray()
     np.testing.assert_array_equal(data["output"].sel(time=0.5), 2.0)
     assert data["input"].attrs == {"long_name": "voltage", "units": "V"}
-    assert data.attrs == {"dt": 0.5, "source": "day.csv"}
+    assert data.attrs == {"dt": 0.5, "input_hold": "zoh", "source": "day.csv"}
+
+
+def test_a_log_comes_back_from_its_frame_with_its_other_columns_and_the_hold_of_its_input() -> None:
+    u, others = np.array([0.0, 1.0, 1.0]), {"pump": np.array([2.0, 3.0, 4.0]), "fan": np.array([5.0, 6.0, 7.0])}
+    whole = rp.Log(u, u, 0.5, others=others, more_inputs=("fan",), input_hold="foh")
+    again = rp.read_log(whole.to_pandas(), input=["u", "fan"], output="y")
+    assert (again.input_hold, again.dt, again.more_inputs, set(again.others)) == ("foh", 0.5, ("fan",), {"pump", "fan"})
+    np.testing.assert_array_equal(again.others["pump"], whole.others["pump"])
+    data = whole.to_xarray()
+    assert (list(data), data.attrs["input_hold"]) == (["input", "output", "input_2", "pump"], "foh")
+
+
+def test_another_column_may_not_have_the_name_of_a_signal() -> None:
+    with pytest.raises(rp.InvalidArgumentError, match="input and another column are both named 'u'"):
+        rp.Log([0.0, 1.0], [0.0, 0.0], 0.5, others={"u": [0.0, 1.0]}).to_pandas()
+    with pytest.raises(rp.InvalidArgumentError, match="another column is named 'time', as the dataset names its own"):
+        rp.Log([0.0, 1.0], [0.0, 0.0], 0.5, others={"time": [0.0, 1.0]}).to_xarray()
 
 
 def test_time_stamps_of_the_file_are_kept() -> None:
