@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pyarrow
 import pytest
 
 import replant as rp
+from replant.fitting.several_outputs import samples_of_outputs
 from support.builders import G1, record
 
 DT = 0.1
@@ -84,8 +86,26 @@ def test_a_column_that_is_no_number_is_named() -> None:
         rp.fit(huge, input="huge", output="y", poles=1)
 
 
+def test_a_label_that_is_a_tuple_is_one_column() -> None:
+    columns = pd.MultiIndex.from_tuples([("rig", "t"), ("rig", "u"), ("rig", "y"), ("rig", "z")])
+    table = TABLE[["t", "u", "y", "y"]].set_axis(columns, axis=1)
+    names = {"input": ("rig", "u")}
+    np.testing.assert_allclose(rp.fit(table, **names, output=("rig", "y"), poles=1).parameters, WANTED, rtol=1e-9)
+    assert rp.search(table, **names, output=("rig", "y"), poles=(1, 2)).best.structure.poles == 1
+    both = rp.fit(table, t=("rig", "t"), **names, output=[("rig", "y"), ("rig", "z")], poles=1)
+    assert both.model.output_names == ("rig.y", "rig.z")
+    each = samples_of_outputs(table, None, None, None, None, ("rig", "u"), [("rig", "y"), ("rig", "z")])
+    assert [list(one.others) for one in each] == [[], []]
+
+
 def test_polars_too() -> None:
     polars = pytest.importorskip("polars")
+    lazy = polars.LazyFrame({"t": DT * np.arange(600), "u": U, "y": Y})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # polars has one of the work that it is to look at the columns
+        for output in ("y", ["y", "u"]):
+            with pytest.raises(rp.ArgumentTypeError, match=r"the table is not computed yet: give table.collect\(\)"):
+                rp.fit(lazy, input="u", output=output, poles=1)
     fitted = rp.fit(polars.DataFrame({"t": DT * np.arange(600), "u": U, "y": Y}), input="u", output="y", poles=1)
     np.testing.assert_allclose(fitted.parameters, WANTED, rtol=1e-9)
 

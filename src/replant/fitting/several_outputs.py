@@ -16,7 +16,7 @@ from replant.fitting.model import Model
 from replant.fitting.model_file import AnyPath
 from replant.fitting.samples import Samples
 from replant.fitting.validation import Validation
-from replant.logs.frame import is_frame
+from replant.logs.frame import is_frame, labels_of
 from replant.logs.log import Log, check_one_reference
 from replant.model import interop
 from replant.model.interop import without_unit
@@ -280,11 +280,12 @@ def samples_of_outputs(
     output: Any = None,
 ) -> list[Samples]:
     """Return the samples of each output: of each column of y, or of each column of a table that a list names."""
-    if is_frame(u) and isinstance(output, list | tuple) and output:
+    if is_frame(u) and isinstance(output, list | tuple) and output and output not in labels_of(u):
         each = [Samples.of(u, y, dt, t, reference, input, name) for name in output]
-        if len({one.output_name for one in each}) < len(each):
+        names = {one.output_name for one in each}
+        if len(names) < len(each):
             raise InvalidArgumentError(f"name each column once, got {', '.join(map(shown, output))}")
-        return [without_outputs(one, output) for one in each]
+        return [without_outputs(one, names) for one in each]
     if not (isinstance(y, np.ndarray) and y.ndim == 2 and y.shape[1] > 1):
         return [Samples.of(u, y, dt, t, reference, input, output)]
     each = [Samples.of(u, column, dt, t, reference, input, output) for column in outputs_of(y)]

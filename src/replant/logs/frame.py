@@ -17,17 +17,25 @@ NAME = Path("the table")  # in messages
 
 def is_frame(value: Any) -> bool:
     """Return whether a value is a table with named columns."""
-    return hasattr(value, "columns") and hasattr(value, "__getitem__") and not isinstance(value, np.ndarray)
+    # a lazy table of polars warns of the work where it is asked for its columns
+    has_columns = hasattr(value, "collect") or hasattr(value, "columns")
+    return has_columns and hasattr(value, "__getitem__") and not isinstance(value, np.ndarray)
+
+
+def labels_of(frame: Any) -> list[Any]:
+    """Return the labels of a table's columns."""
+    if hasattr(frame, "collect"):
+        raise ArgumentTypeError("the table is not computed yet: give table.collect()")
+    return list(getattr(frame, "column_names", frame.columns))
 
 
 class Frame:
     """A table in memory: its columns, and behind them its index, where that may be the time."""
 
     def __init__(self, frame: Any) -> None:
-        if hasattr(frame, "collect"):
-            raise ArgumentTypeError("the table is not computed yet: collect() it before")
-        self._labels = list(getattr(frame, "column_names", frame.columns))
-        names = [str(label) for label in self._labels]
+        self._labels = labels_of(frame)
+        parts = [label if type(label) is tuple else (label,) for label in self._labels]  # several of a MultiIndex
+        names = [".".join(str(part) for part in label if part != "") for label in parts]
         by_place = getattr(frame, "iloc", None)  # of pandas, where two columns may have one label
         columns = [frame[label] if by_place is None else by_place[:, k] for k, label in enumerate(self._labels)]
         self.values = [_array(column) for column in columns]
