@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import warnings
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 import replant as rp
 from replant.fitting.several_outputs import samples_of_outputs
 from support.builders import G1, record
+from support.cases import every
 
 DT = 0.1
 U, Y = record(G1, 1, 600, DT, hold=20, noise=0.05)
@@ -79,11 +81,32 @@ def test_an_index_that_counts_the_rows_is_no_clock() -> None:
 
 
 def test_a_column_that_is_no_number_is_named() -> None:
-    with pytest.raises(rp.ArgumentTypeError, match="column 'note' of the table holds no numbers or times"):
+    with pytest.raises(rp.ArgumentTypeError, match="the table: row 1, column 'note': 'a' is no number and no date"):
         rp.fit(TABLE, input="note", output="y", poles=1)
-    huge = TABLE.assign(huge=pd.Series([10**400] * 600, dtype=object))
-    with pytest.raises(rp.ArgumentTypeError, match="column 'huge' of the table holds no numbers or times"):
-        rp.fit(huge, input="huge", output="y", poles=1)
+
+
+@every("cell", ["?", 1j, 10**400, datetime.time(8), pd.Timestamp("2026-01-01"), (1.0, 2.0)])
+def test_a_cell_that_is_no_number_is_named_with_its_row(cell: Any) -> None:
+    column = TABLE["u"].astype(object)
+    column.iloc[7] = cell
+    with pytest.raises(rp.ArgumentTypeError, match=r"the table: row 8, column 'v': .* is no number and no date"):
+        rp.fit(TABLE.assign(v=column), input="v", output="y", poles=1)
+
+
+@every("stamp", ["2026-01-01 00:00:01", None, pd.NaT, 3.0])
+def test_a_stamp_that_is_no_time_is_named_with_its_row(stamp: Any) -> None:
+    times = pd.Series(STAMPS.to_pydatetime(), dtype=object)
+    times.iloc[9] = stamp
+    with pytest.raises(rp.ArgumentTypeError, match=r"the table: row 10, column 't': .* is no number and no date"):
+        rp.read_log(TABLE.assign(t=times), input="u", output="y", time="t")
+
+
+@every("kind", [object, "Float64", "boolean"])
+def test_a_missing_cell_is_a_missing_sample_whatever_stands_for_it(kind: Any) -> None:
+    column = pd.Series(np.arange(600) % 2, dtype=kind)
+    column.iloc[7] = pd.NA
+    log = rp.read_log(TABLE.assign(v=column), input="u", output="v")
+    assert np.flatnonzero(np.isnan(log.output)).tolist() == [7]
 
 
 def test_a_label_that_is_a_tuple_is_one_column() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
 from replant.logs.sampling_time import time_candidates
-from replant.logs.table import Table, listed
+from replant.logs.table import Table, listed, nth_row
 from replant.numerics.arguments import FloatArray
 
 NAME = Path("the table")  # in messages
@@ -89,14 +89,27 @@ class Frame:
         try:
             return _seconds(self.values[number])
         except (TypeError, ValueError, OverflowError):
-            name = shown(self.table.names[number])
-            raise ArgumentTypeError(f"column {name} of the table holds no numbers or times; convert it") from None
+            row, cell = _first_unreadable(self.values[number])
+            where = f"{NAME}: {nth_row(row)}, column {shown(self.table.names[number])}"
+            raise ArgumentTypeError(f"{where}: {shown(cell)} is no number and no date; convert the column") from None
+
+
+def _first_unreadable(values: Any) -> tuple[int, Any]:
+    """Return the first row of a column that is no number, or no time where the first one is, and what it holds."""
+    dated = len(values) > 0 and hasattr(values[0], "timestamp")
+    for row, cell in enumerate(values.tolist()):
+        try:
+            cell.timestamp() if dated else float(cell)
+        except (TypeError, ValueError, OverflowError, AttributeError):
+            return row, cell
+    return 0, values  # of times, one beyond those of NumPy
 
 
 def _array(column: Any) -> Any:
-    """Return a column, or an index, as an array; times with a zone as those of UTC."""
+    """Return a column, or an index, as an array; times with a zone as those of UTC, pandas' NA as NaN."""
     has_zone = getattr(getattr(column, "dtype", None), "tz", None) is not None
-    return np.asarray(column, "datetime64[ns]" if has_zone else None)
+    values = np.asarray(column, "datetime64[ns]" if has_zone else None)
+    return np.where(column.isna(), np.nan, values) if values.dtype.kind == "O" and hasattr(column, "isna") else values
 
 
 def _is_clock(index: Any) -> bool:
