@@ -76,7 +76,7 @@ def test_what_is_said_of_a_table_is_said_of_the_line_that_gave_it() -> None:
 
 def test_an_index_that_counts_the_rows_is_no_clock() -> None:
     table = TABLE.drop(columns="t").set_index(pd.RangeIndex(600, name="row"))
-    with pytest.raises(rp.InvalidArgumentError, match="the table has no column t, time or timestamp: give dt"):
+    with pytest.raises(rp.LogError, match="the table: no column is called t, time or timestamp; name the time"):
         rp.fit(table, input="u", output="y", poles=1)
 
 
@@ -207,6 +207,31 @@ def test_a_table_that_is_not_understood_is_answered(arguments: dict[str, Any], w
         rp.fit(TABLE, poles=1, **arguments)
 
 
+@every(
+    ("more", "words"),
+    [
+        ({"t": "nope"}, "the time (t=...) must name a column, got 'nope'"),
+        ({"t": "t", "dt": DT}, "give one of the time column (t=...) and the sampling time (dt=...)"),
+        ({"dt": -1.0}, "the sampling time (dt=...) must be finite and positive"),
+        ({"t": "stop"}, "drop that row, or give the sampling time (dt=...) instead of a time column"),
+    ],
+)
+def test_what_is_wrong_with_the_clock_is_said_in_the_names_of_arguments(
+    more: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    table = TABLE.assign(stop=np.minimum(TABLE["t"], 0.4))
+    table.to_csv(tmp_path / "log.csv", index=False)
+    with pytest.raises(rp.ReplantError) as caught:
+        rp.fit(table, input="u", output="y", poles=1, **more)
+    assert words in str(caught.value)
+    names = {"time" if name == "t" else name: value for name, value in more.items()}
+    for given in (table, tmp_path / "log.csv"):
+        with pytest.raises(rp.ReplantError) as caught:
+            rp.read_log(given, input="u", output="y", **names)
+        assert "--" not in str(caught.value)
+        assert "(t=" not in str(caught.value)
+
+
 def test_a_table_without_a_clock_asks_for_one() -> None:
-    with pytest.raises(rp.InvalidArgumentError, match="give dt, or t"):
+    with pytest.raises(rp.LogError, match=r"name the time column \(t=...\) or give the sampling time \(dt=...\)"):
         rp.fit(TABLE.drop(columns="t"), input="u", output="y", poles=1)

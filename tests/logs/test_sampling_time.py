@@ -245,9 +245,12 @@ def test_a_file_that_runs_backwards_is_said_to(write: Write) -> None:
         read_log(write("t,u,y\n" + rows), input="u", output="y")
 
 
-def test_without_time_and_dt_both_options_are_named(write: Write) -> None:
+def test_without_time_and_dt_both_are_named_and_options_where_a_command_may_read(write: Write) -> None:
+    path = write("x,u,y\n0,1,2\n1,2,3\n")
+    with pytest.raises(LogError, match=r"name the time column \(time=...\) or give the sampling time \(dt=...\)"):
+        read_log(path, input="u", output="y")
     with pytest.raises(LogError, match=r"name the time column \(time, --time\) or give the sampling time \(dt, --dt\)"):
-        read_log(write("x,u,y\n0,1,2\n1,2,3\n"), input="u", output="y")
+        open_recording(path, input="u", output="y")
 
 
 def test_two_columns_called_time(write: Write) -> None:
@@ -264,7 +267,7 @@ def test_time_and_dt_together(write: Write) -> None:
 
 @every("dt", [0.0, -0.1, math.nan, math.inf])
 def test_dt_must_be_positive(write: Write, dt: float) -> None:
-    with pytest.raises(InvalidArgumentError, match=r"\(dt, --dt\) must be finite and positive"):
+    with pytest.raises(InvalidArgumentError, match=r"\(dt=...\) must be finite and positive"):
         read_log(write(log_text(["0", "1"])), input="u", output="y", dt=dt)
 
 

@@ -77,7 +77,7 @@ def test_a_fault_outside_of_the_part_does_no_harm_and_one_inside_names_its_line(
 
 @every(("begin", "end"), [(-1.0, None), (2.0, 2.0), (3.0, 2.0), (float("nan"), None), (0.0, float("nan"))])
 def test_an_impossible_range_is_refused(write: Write, begin: float, end: float | None) -> None:
-    with pytest.raises(InvalidArgumentError, match=r"time range .* \(begin, --from\)"):
+    with pytest.raises(InvalidArgumentError, match=r"time range .* \(begin=...\)"):
         read_log(write(text(10)), input="u", output="y", begin=begin, end=end)
 
 

@@ -16,7 +16,7 @@ from replant.estimation.simulation.fitted_run import FittedRun
 from replant.fitting.model import reference_of
 from replant.logs.frame import is_frame
 from replant.logs.log import Log, unused, without_rest
-from replant.logs.read import log_of_frame
+from replant.logs.read import in_python, log_of_frame
 from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
@@ -67,12 +67,9 @@ class Samples:
         if is_frame(u):
             if y is not None:
                 raise InvalidArgumentError("a table has its own output: name its column, output=..., and leave out y")
-            u, t, dt, reference = (
-                log_of_frame(u, input=input, output=output, time=t, dt=dt, reference=reference),
-                None,
-                None,
-                None,
-            )
+            with in_python(clock="t"):
+                u = log_of_frame(u, input=input, output=output, time=t, dt=dt, reference=reference)
+            t = dt = reference = None
         elif input is not None or output is not None:
             raise InvalidArgumentError("input and output name columns of a table, which is to be given in place of u")
         is_given = any(given is not None for given in (y, dt, t, reference))

@@ -65,15 +65,11 @@ class Frame:
 
     @property
     def clock(self) -> int | None:
-        """The column of the time where none is named: an index of times, the column of such a name, or any index."""
+        """The column of the time where none is named: an index of times, the one column of such name, or any index."""
         named, last = time_candidates(self.names), len(self.names)
         has_index = last < len(self.values)
         if (has_index and last in self.table.in_seconds) or (has_index and len(named) != 1):
             return last
-        if not named and not self.table.in_seconds:
-            raise InvalidArgumentError(
-                "the table has no column t, time or timestamp: give dt, or t, the name of its clock"
-            )
         return named[0] if len(named) == 1 else None
 
     def beside(self, used: set[int], rows: int) -> dict[str, FloatArray]:

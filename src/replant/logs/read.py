@@ -5,16 +5,18 @@ from __future__ import annotations
 import inspect
 import math
 import os
+import re
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
+from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, ReplantError, shown
 from replant.logs.file_formats import read_columns
 from replant.logs.frame import Frame, is_frame
 from replant.logs.log import Log
@@ -34,6 +36,18 @@ from replant.numerics.limits import file_path
 
 _ROLES = {"input": "an input", "output": "the output", "reference": "a reference"}
 _GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt, --dt)"
+_NAMED = re.compile(r"\((\w+(?:, \w+)*)(?:, --\w+)+\)")  # arguments with their options, as above
+
+
+@contextmanager
+def in_python(clock: str = "time") -> Iterator[None]:
+    """Name arguments alone in an error, without the command line's options, and the time as the caller does."""
+    try:
+        yield
+    except ReplantError as error:
+        called = _NAMED.sub(lambda found: f"({found[1].replace(',', '=...,')}=...)", str(error))
+        error.args = (called.replace("(time=...)", f"({clock}=...)"),)
+        raise
 
 
 def read_log(
@@ -100,9 +114,11 @@ def read_log(
     (0.1, array([0.  , 0.5 , 0.75]))
     """
     columns: dict[str, Any] = {"input": input, "output": output, "time": time, "reference": reference}
-    if is_frame(path):
-        return log_of_frame(path, **columns, dt=dt, begin=begin, end=end)
-    log = _held(open_recording(file_path("path", path), **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize))
+    columns |= {"dt": dt, "begin": begin, "end": end}
+    with in_python():
+        if is_frame(path):
+            return log_of_frame(path, **columns)
+        log = _held(open_recording(file_path("path", path), **columns, most_held=sys.maxsize))
     return replace(log, sha256=digest(log.path))
 
 
@@ -114,7 +130,8 @@ def log_of_frame(
     if keys["input"] is None or keys["output"] is None:
         there = f"there are {listed(given.names)}"
         raise ArgumentTypeError(f"name columns of the table, input=... and output=...; {there}")
-    columns = {role: given.find(role, key) for role, key in keys.items()}
+    called = {"time": "the time (time, --time)"}  # in messages
+    columns = {role: given.find(called.get(role, role), key) for role, key in keys.items()}
     each = [number for found in columns.values() for number in (found if isinstance(found, list) else [found])]
     named = [number for number in each if number is not None]
     if len(set(named)) < len(named):
