@@ -232,12 +232,12 @@ def test_what_does_not_match_is_named_in_a_line(y: Any, asked: dict[str, Any], w
     [
         (["T1", "T1"], "name each column once, got 'T1', 'T1'"),
         (["T1", "T3"], "output must name a column, got 'T3'"),
-        (["T1", "Q2"], "name each column once"),
+        (["T1", "Q2"], "column 'Q2' is the output and an input: name each column once"),
         ([], "output must name a column"),
     ],
 )
 def test_outputs_of_a_table_that_are_none_are_named(outputs: list[str], words: str) -> None:
-    with pytest.raises(rp.InvalidArgumentError, match=words):
+    with pytest.raises(rp.ReplantError, match=words):
         rp.fit(HEATERS, input=["Q1", "Q2"], output=outputs, **ASKED)
 
 

@@ -116,15 +116,15 @@ def test_a_model_of_one_input_is_validated_by_one() -> None:
 @every(
     "references, words",
     [
-        (["ra", "ra"], "name each column once, got 'a', 'b', 'y', 'ra', 'ra'"),
-        (["ra", "b"], "name each column once"),
-        (["ra", "y"], "name each column once"),
+        (["ra", "ra"], "the table: column 'ra' is a reference twice: name each column once"),
+        (["ra", "b"], "column 'b' is an input and a reference: name each column once"),
+        (["ra", "y"], "column 'y' is the output and a reference: name each column once"),
         (["ra", "rc"], "reference must name a column, got 'rc'; there are t, a, b, y, ra, rb"),
         ([], "reference must name a column"),
     ],
 )
 def test_what_is_wrong_in_a_table_is_one_line(references: list[str], words: str) -> None:
-    with pytest.raises(rp.InvalidArgumentError, match=words) as caught:
+    with pytest.raises(rp.ReplantError, match=words) as caught:
         rp.fit(TABLE, input=["a", "b"], output="y", reference=references, **ASKED)
     assert "\n" not in str(caught.value)
 

@@ -138,6 +138,29 @@ def test_run_and_search_take_the_same_table() -> None:
     assert rp.run(TABLE, input="u", output="y", poles=1).model.input_name == "u"
 
 
+@every(
+    "call",
+    [
+        rp.Model(rp.Structure(1), [1.0, 2.0], DT).validate,
+        rp.RowModel((rp.Structure(1),) * 2, [1.0, 2.0, 3.0, 4.0], DT).validate,
+        rp.MatrixModel([rp.RowModel((rp.Structure(1),) * 2, [1.0, 2.0, 3.0, 4.0], DT)]).validate,
+        lambda table: rp.Identifier(poles=1, dt=DT).update_many(table, table),
+        lambda table: rp.Identifier(poles=1, dt=DT).update(table, 0.0),
+        lambda table: rp.fit_percent(table, table),
+        lambda table: rp.compare([rp.Model(rp.Structure(1), [1.0, 2.0], DT)], table),
+        rp.from_rest,
+        rp.detrend,
+    ],
+)
+def test_what_takes_no_table_says_what_makes_a_log_of_it(call: Any) -> None:
+    for table in (TABLE, TABLE[["t", "u"]], pyarrow.Table.from_pandas(TABLE[["u", "y"]])):
+        with pytest.raises((rp.ArgumentTypeError, rp.InvalidArgumentError)) as caught:
+            call(table)
+        assert "got a table: rp.read_log(table, input=..., output=...) makes a Log of it" in str(caught.value)
+    model = rp.Model(rp.Structure(1), [1.0, 2.0], DT)
+    assert model.validate(rp.read_log(TABLE, input="u", output="y")).samples == 600
+
+
 def test_an_irregular_clock_of_a_table_counts() -> None:
     late = TABLE.drop(index=range(100, 130))
     fitted = rp.fit(late, input="u", output="y", poles=1)

@@ -21,7 +21,7 @@ from replant.logs.log import Log
 from replant.model import interop
 from replant.model.interop import without_unit
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import FloatArray, array_of_reals, vector, whole
+from replant.numerics.arguments import FloatArray, array_of_reals, no_output, vector, whole
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet, sum_of_squares
@@ -267,7 +267,7 @@ class RowModel(model_file.Written, RowFields):
                 raise InvalidArgumentError("a log has its own output and time: leave out y and t")
             return self._columns(in_order(log, self.input_names)), log.output, log.stamps, log.dt
         if y is None:
-            raise InvalidArgumentError("give a Log, or the inputs and the output: model.validate(u, y)")
+            raise no_output(log, "the inputs and the output")
         columns, output = self._columns(log), vector("y", y)
         if output.size != len(columns):
             raise InvalidArgumentError(f"u has {len(columns)} rows and y {output.size} samples: give one row for each")

@@ -20,7 +20,7 @@ from replant.logs.log import Log, check_one_reference
 from replant.model.noise import NoiseModel
 from replant.model.state_space import Response
 from replant.model.transfer_function import TransferFunction, terms_of
-from replant.numerics.arguments import FloatArray, record, vector, whole
+from replant.numerics.arguments import FloatArray, no_output, record, vector, whole
 from replant.numerics.autoregression import ahead
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet
@@ -291,7 +291,7 @@ def _signals(
         stamps = None if log.stamps is None else increasing(log.stamps, log.input.size)
         return log.input, log.output, stamps, log.reference, log.dt
     if y is None:
-        raise InvalidArgumentError("give a Log, or the input and the output: model.validate(u, y)")
+        raise no_output(log, "the input and the output")
     u, y = record(log, y)
     r = None if reference is None else reference_of(reference, u.size)
     if t is None:

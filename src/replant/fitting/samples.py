@@ -14,13 +14,12 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.estimation.engine.record import Record, ready_record
 from replant.estimation.simulation.fitted_run import FittedRun
 from replant.fitting.model import reference_of
-from replant.logs.frame import is_frame
 from replant.logs.log import Log, unused, without_rest
 from replant.logs.read import in_python, log_of_frame
 from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import BoolArray, FloatArray, record
+from replant.numerics.arguments import BoolArray, FloatArray, is_frame, record
 from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.numerics.limits import increasing
 from replant.verdict import Simulation, fit_percent, simulate

@@ -16,12 +16,12 @@ from replant.fitting.model import Model
 from replant.fitting.model_file import AnyPath
 from replant.fitting.samples import Samples
 from replant.fitting.validation import Validation
-from replant.logs.frame import is_frame, labels_of
+from replant.logs.frame import labels_of
 from replant.logs.log import Log, check_one_reference
 from replant.model import interop
 from replant.model.interop import without_unit
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import FloatArray, array_of_reals, iterable
+from replant.numerics.arguments import FloatArray, array_of_reals, is_frame, iterable, no_output
 from replant.plotting.diagrams import ABOVE_LEGEND
 from replant.plotting.style import axes_for, title
 from replant.verdict.verdict import Verdict
@@ -141,7 +141,7 @@ class MatrixModel(model_file.Written):
         if isinstance(log, Log):
             return tuple(row.validate(with_output(log, row.output_name), y, t) for row in self.rows)
         if y is None:
-            raise InvalidArgumentError("give a Log, or the inputs and the outputs: model.validate(u, y)")
+            raise no_output(log, "the inputs and the outputs")
         columns = outputs_of(y)
         if len(columns) != len(self.rows):
             raise InvalidArgumentError(f"y must have a column for each of {len(self.rows)} outputs, got {len(columns)}")

@@ -15,13 +15,6 @@ from replant.numerics.arguments import FloatArray
 NAME = Path("the table")  # in messages
 
 
-def is_frame(value: Any) -> bool:
-    """Return whether a value is a table with named columns."""
-    # a lazy table of polars warns of the work where it is asked for its columns
-    has_columns = hasattr(value, "collect") or hasattr(value, "columns")
-    return has_columns and hasattr(value, "__getitem__") and not isinstance(value, np.ndarray)
-
-
 def labels_of(frame: Any) -> list[Any]:
     """Return the labels of a table's columns."""
     if hasattr(frame, "collect"):
@@ -72,7 +65,7 @@ class Frame:
             return last
         return named[0] if len(named) == 1 else None
 
-    def beside(self, used: set[int], rows: int) -> dict[str, FloatArray]:
+    def beside(self, used: set[int | None], rows: int) -> dict[str, FloatArray]:
         """Return the other columns of numbers that have so many rows, by their names."""
         return {
             name: self._numbers(number)

@@ -18,7 +18,7 @@ import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, ReplantError, shown
 from replant.logs.file_formats import read_columns
-from replant.logs.frame import Frame, is_frame
+from replant.logs.frame import Frame
 from replant.logs.log import Log
 from replant.logs.merged_channels import on_one_clock, written_apart
 from replant.logs.recording import MOST_HELD, Recording, check_range, digest, part_of
@@ -31,7 +31,7 @@ from replant.logs.sampling_time import (
     unit_of_stamps,
 )
 from replant.logs.table import Arrays, Table, in_parts, listed, repeated_rows
-from replant.numerics.arguments import FloatArray, iterable
+from replant.numerics.arguments import FloatArray, is_frame, iterable
 from replant.numerics.limits import file_path
 
 _ROLES = {"input": "an input", "output": "the output", "reference": "a reference"}
@@ -130,17 +130,12 @@ def log_of_frame(
     if keys["input"] is None or keys["output"] is None:
         there = f"there are {listed(given.names)}"
         raise ArgumentTypeError(f"name columns of the table, input=... and output=...; {there}")
-    called = {"time": "the time (time, --time)"}  # in messages
-    columns = {role: given.find(called.get(role, role), key) for role, key in keys.items()}
+    columns = {role: given.find("the time (time, --time)" if role == "time" else role, keys[role]) for role in keys}
     each = [number for found in columns.values() for number in (found if isinstance(found, list) else [found])]
-    named = [number for number in each if number is not None]
-    if len(set(named)) < len(named):
-        names = ", ".join(shown(given.table.names[number]) for number in named)
-        raise InvalidArgumentError(f"name each column once, got {names}")
     if keys["time"] is None and dt is None:
         columns["time"] = given.clock
     log = _held(open_recording(given.table, **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize))
-    beside = given.beside({*named, *time_columns(given.table)}, len(log))
+    beside = given.beside({*each, *time_columns(given.table)}, len(log))
     hold = getattr(frame, "attrs", {}).get("input_hold", log.input_hold)  # of `Log.to_pandas`
     return replace(log, path=Path(), others={**beside, **log.others}, input_hold=hold)
 

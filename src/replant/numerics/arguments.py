@@ -87,6 +87,13 @@ def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
     return result
 
 
+def is_frame(value: Any) -> bool:
+    """Return whether a value is a table with named columns."""
+    # a lazy table of polars warns of the work where it is asked for its columns
+    has_columns = hasattr(value, "collect") or hasattr(value, "columns")
+    return has_columns and hasattr(value, "__getitem__") and not isinstance(value, np.ndarray)
+
+
 def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
     """Return ``value``, which must be one of several words."""
     if not isinstance(value, str) or value not in choices:
@@ -120,7 +127,8 @@ def instance(name: str, value: Any, *kinds: Any) -> Any:
             if word == value:
                 return word
     allowed = " or ".join([*(_one(kind.__name__) for kind in classes), *(repr(word) for word in words)])
-    raise ArgumentTypeError(f"{name} must be {allowed}, got {type(value).__name__} {shown(value)}")
+    got = _describe(value) if is_frame(value) else f"{type(value).__name__} {shown(value)}"
+    raise ArgumentTypeError(f"{name} must be {allowed}, got {got}")
 
 
 def array_of_reals(name: str, value: Any) -> FloatArray:
@@ -130,7 +138,8 @@ def array_of_reals(name: str, value: Any) -> FloatArray:
     except (ValueError, TypeError, OverflowError) as cause:
         raise ArgumentTypeError(f"{name} must be an array of numbers: {cause}") from cause
     if array.dtype.kind not in "fiub":
-        raise ArgumentTypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
+        got = _describe(value) if is_frame(value) else f"dtype {array.dtype}"
+        raise ArgumentTypeError(f"{name} must hold real numbers, got {got}")
     with np.errstate(over="ignore"):  # of a wider type: infinite
         reals = np.asarray(array, np.float64, order="C")
     if isinstance(value, np.ma.MaskedArray):
@@ -142,7 +151,8 @@ def vector(name: str, value: Any) -> FloatArray:
     """Return ``value`` as a contiguous float64 vector (K,)."""
     array = array_of_reals(name, value)
     if array.ndim != 1:
-        raise InvalidArgumentError(f"{name} must be a vector of shape (K,), got shape {array.shape}")
+        got = _describe(value) if is_frame(value) else f"shape {array.shape}"
+        raise InvalidArgumentError(f"{name} must be a vector of shape (K,), got {got}")
     return array
 
 
@@ -154,6 +164,12 @@ def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
             f"u and y must have the same length, got {u_vector.size} and {y_vector.size} samples"
         )
     return u_vector, y_vector
+
+
+def no_output(log: Any, needed: str) -> InvalidArgumentError:
+    """Return the error for a record that is no `Log` and has no output."""
+    got = f", got {_describe(log)}" if is_frame(log) else ""
+    return InvalidArgumentError(f"give a Log, or {needed}: model.validate(u, y){got}")
 
 
 def coefficients(name: str, value: Any) -> FloatArray:
@@ -191,6 +207,8 @@ def _one(name: str) -> str:
 
 
 def _describe(value: Any) -> str:
+    if is_frame(value):
+        return "a table: rp.read_log(table, input=..., output=...) makes a Log of it, with input, output and stamps"
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
     return f"{type(value).__name__} {shown(value)}" if isinstance(value, str | bytes) else type(value).__name__
