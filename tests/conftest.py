@@ -1,6 +1,8 @@
 """What every test shares: where the recorded logs lie, and kernels that are compiled."""
 
+import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,17 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         from replant.kernels.native import library
 
         library()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Look for no garbage among what modules hold: all of it stays, and each search would go through all of it."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.fixture(scope="session")
