@@ -98,19 +98,21 @@ def reasons_given() -> Iterator[tuple[str, str]]:
                             yield f"{path.name}: {function.name}", text
 
 
-# Of what begins with another reason, that one is looked for where it is made.
-GIVEN = sorted(
-    {(where, text) for where, text in reasons_given() if text != UNKNOWN and not text.startswith(("@: ", "@, "))}
-)
+@cache
+def given() -> list[tuple[str, str]]:
+    """Return them in order; of what begins with another reason, that one is looked for where it is made."""
+    return sorted(
+        {(where, text) for where, text in reasons_given() if text != UNKNOWN and not text.startswith(("@: ", "@, "))}
+    )
 
 
 def test_the_reasons_are_found() -> None:
     """Else the test below would pass with nothing looked at."""
-    assert len({where for where, _ in GIVEN}) > 25
-    assert any("the input is constant" in text for _, text in GIVEN)
+    assert len({where for where, _ in given()}) > 25
+    assert any("the input is constant" in text for _, text in given())
 
 
-@every(("where", "text"), GIVEN)
+@every(("where", "text"), given)
 def test_each_reason_that_is_given_has_a_row(where: str, text: str) -> None:
     plain = " ".join(text.split())
     assert any(all(piece in plain for piece in pieces(row)) for row in ROWS), f"{where}: {plain}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,28 +12,37 @@ import pytest
 import replant as rp
 from support.builders import random_plant, record
 
-LARGE = rp.fit(*record(random_plant(3, 6, 2), 3, 4000, 0.1, noise=0.01), 0.1, poles=6, zeros=5)
 U, Y = record(random_plant(1, 2), 1, 800, 0.1, noise=0.05)
 LOG = rp.Log(U, Y, 0.1, others={"pump": U * np.arange(800)})
-FITTED = rp.fit(LOG, poles=2)
+
+
+@cache
+def fitted() -> rp.FitResult:
+    return rp.fit(LOG, poles=2)
+
+
+@cache
+def large() -> rp.FitResult:
+    return rp.fit(*record(random_plant(3, 6, 2), 3, 4000, 0.1, noise=0.01), 0.1, poles=6, zeros=5)
+
 
 SHOWN: dict[str, Callable[[], Any]] = {
-    "fit": lambda: FITTED,
-    "large fit": lambda: LARGE,
-    "run": lambda: rp.run(LOG, poles=2),
-    "search": lambda: rp.search(LOG, poles=range(1, 4)),
-    "step": lambda: FITTED.model.step(),
-    "impulse": lambda: FITTED.model.impulse(),
-    "bode": lambda: FITTED.model.bode(),
-    "nyquist": lambda: FITTED.model.nyquist(),
-    "poles": lambda: FITTED.model.poles(),
-    "large poles": lambda: LARGE.model.poles(),
-    "model": lambda: LARGE.model,
+    "fit": fitted,
+    "large fit": large,
+    "run": cache(lambda: rp.run(LOG, poles=2)),
+    "search": cache(lambda: rp.search(LOG, poles=range(1, 4))),
+    "step": lambda: fitted().model.step(),
+    "impulse": lambda: fitted().model.impulse(),
+    "bode": lambda: fitted().model.bode(),
+    "nyquist": lambda: fitted().model.nyquist(),
+    "poles": lambda: fitted().model.poles(),
+    "large poles": lambda: large().model.poles(),
+    "model": lambda: large().model,
     "log": lambda: LOG,
-    "g": lambda: LARGE.transfer_function,
-    "uncertainty": lambda: LARGE.uncertainty,
-    "noise": lambda: LARGE.noise,
-    "validation": lambda: FITTED.model.validate(LOG),
+    "g": lambda: large().transfer_function,
+    "uncertainty": lambda: large().uncertainty,
+    "noise": lambda: large().noise,
+    "validation": lambda: fitted().model.validate(LOG),
     "trace": lambda: rp.Identifier(poles=2, dt=0.1).update_many(U, Y),
 }
 
@@ -55,9 +65,9 @@ def test_results_say_g_fit_and_verdict(what: str) -> None:
 
 
 def test_responses_say_what_they_end_at() -> None:
-    step = FITTED.model.step()
+    step = fitted().model.step()
     assert f"{step.output[-1]:.4g} +- " in repr(step)
-    assert repr(FITTED.model.bode()).startswith("<Bode over ")
+    assert repr(fitted().model.bode()).startswith("<Bode over ")
     assert repr(rp.TransferFunction([2.0], [1.0, 0.5])) == "<TransferFunction 2 / (s + 0.5)>"
 
 
@@ -73,4 +83,4 @@ def test_without_matplotlib_a_notebook_shows_words(monkeypatch: pytest.MonkeyPat
         raise rp.MissingDependencyError("pip install matplotlib")
 
     monkeypatch.setattr(rp.Model, "plot", missing)
-    assert FITTED._repr_html_() == FITTED.model._repr_html_()
+    assert fitted()._repr_html_() == fitted().model._repr_html_()
