@@ -51,6 +51,8 @@ def sums_of_products(columns: FloatArray, edges: IntArray = NO_EDGES) -> FloatAr
 def products(a: Array, b: Array) -> Array:
     """Return a' b of columns a (K, P) and columns b (K, Q) or a signal b (K,)."""
     rows = _rows(a.shape[1], b[:1].size)
+    if len(a) <= rows:
+        return a.T @ b
     total = a[:rows].T @ b[:rows]
     for begin in range(rows, len(a), rows):
         total += a[begin : begin + rows].T @ b[begin : begin + rows]
@@ -59,7 +61,10 @@ def products(a: Array, b: Array) -> Array:
 
 def combined(columns: FloatArray, weights: FloatArray) -> FloatArray:
     """Return columns (K, P) times weights (P, Q), or (P,)."""
-    rows, found = _rows(columns.shape[1], weights[:1].size), np.empty((len(columns), *weights.shape[1:]))
+    rows = _rows(columns.shape[1], weights[:1].size)
+    if len(columns) <= rows:
+        return np.asarray(columns @ weights)
+    found = np.empty((len(columns), *weights.shape[1:]))
     for begin in range(0, len(columns), rows):
         np.matmul(columns[begin : begin + rows], weights, out=found[begin : begin + rows])
     return found
@@ -86,6 +91,9 @@ def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
     try:
         if polynomial.size < 2 or polynomial[0] == 0.0 or polynomial[-1] == 0.0:
             return np.roots(polynomial).astype(np.complex128)
+        if polynomial.size == 2:
+            root = -polynomial[1] / polynomial[0]
+            return np.array([root if np.isfinite(root) else complex(np.nan, np.nan)], np.complex128)
         companion = np.eye(polynomial.size - 1, k=-1)  # as there, but for its search for zeros at both ends
         companion[0] = -polynomial[1:] / polynomial[0]
         return np.linalg.eigvals(companion).astype(np.complex128)

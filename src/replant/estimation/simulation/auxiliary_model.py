@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -217,6 +218,12 @@ class Branches:
     def __init__(self, structures: tuple[Structure, ...], dt: float, input_hold: str = "zoh") -> None:
         self.structures = structures
         self.models = [AuxiliaryModel(each, dt, input_hold) for each in structures]
+        ends = np.cumsum([0, *(each.poles for each in structures)]).tolist()
+        self._states = [slice(begin, end) for begin, end in pairwise(ends)]
+
+    def of_each(self, states: FloatArray) -> list[FloatArray]:
+        """Return the initial states of each branch."""
+        return [states[rows] for rows in self._states]
 
     def copy(self) -> Branches:
         """Return branches in the same state, which go on by themselves."""
@@ -258,8 +265,7 @@ class Branches:
         self, coefficients: Sequence[FloatArray], states: FloatArray, given: Sequence[Any]
     ) -> Iterator[tuple[Any, ...]]:
         """Yield of each branch model, structure, entries of the model, and what is given for it."""
-        ends = np.cumsum([each.poles for each in self.structures])[:-1].tolist()
-        parts = zip(coefficients, np.split(states, ends), strict=True)
+        parts = zip(coefficients, self.of_each(states), strict=True)
         entries = [np.concatenate([theta, [0.0], state]) for theta, state in parts]
         return zip(self.models, self.structures, entries, given, strict=True)
 

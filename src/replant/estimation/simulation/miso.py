@@ -136,7 +136,7 @@ class Row:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the outputs (K, q) of the branches from rest, the slopes (K, P) and the nuisances (K, N)."""
         outputs, slopes, free = self._models.run(self.branches(theta), states, stretch.inputs)
-        parts = np.split(states, np.cumsum([each.shape[1] for each in free])[:-1].tolist())
+        parts = self._models.of_each(states)
         outputs = [each - combined(response, state) for each, response, state in zip(outputs, free, parts, strict=True)]
         if self.is_common:
             poles = self.structures[0].poles
