@@ -60,7 +60,7 @@ def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(tmp_path: Path, c
     assert [again["a0"]["value"], again["b0"]["value"]] == kept.parameters.tolist()
 
 
-def test_a_second_process_solves_again_where_it_is_asked_for(tmp_path: Path) -> None:
+def test_a_second_process_solves_again_where_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     rig = tmp_path / "rig"
     with live("-", "--background", "--checkpoint", rig) as process:
         code, _, err = finished(process, b"".join(lines(U, Y)))
@@ -70,10 +70,10 @@ def test_a_second_process_solves_again_where_it_is_asked_for(tmp_path: Path) -> 
     assert kept.background
     assert kept.to_bytes() == expected.to_bytes()
     learned(U, Y).save(tmp_path / "without")
-    with live("-", "--background", "--checkpoint", tmp_path / "without") as process:
-        code, _, err = finished(process, b"")
-    assert code == 2
-    assert "goes on without a second process" in err
+    with pytest.raises(SystemExit) as stop:
+        main(["live", "-", *MODEL, "--background", "--checkpoint", str(tmp_path / "without")])
+    assert stop.value.code == 2
+    assert "goes on without a second process" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("place", ["first", "last"])
@@ -492,21 +492,27 @@ def test_a_dashboard_that_cannot_listen_is_one_line() -> None:
     assert f"cannot listen on {address}" in err
 
 
-@pytest.mark.parametrize("option", ["--record", "--checkpoint"])
-def test_a_second_session_that_would_write_to_the_same_place_is_refused(tmp_path: Path, option: str) -> None:
-    used = tmp_path / "rig"
+def test_a_second_session_that_would_write_to_the_same_place_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    places = {"--record": tmp_path / "samples", "--checkpoint": tmp_path / "rig"}
+    options = [word for place in places.items() for word in place]
     peer = ReplayingPeer(lines(U, Y, T, first=0))
-    with live(peer.url, option, used) as first:
-        wait_for(lambda: (tmp_path / ".rig.lock").exists())
-        with live("-", option, used) as second:
-            code, out, err = finished(second, b"")
-        assert (code, out) == (2, "")
-        assert err == f"replant: {used}: another session writes there; end that one, or give another name\n"
+    with live(peer.url, *options) as first:
+        assert first.stderr is not None
+        while b"cut and fit it meanwhile" not in first.stderr.readline():  # until it holds both
+            assert first.poll() is None
+        for option, used in places.items():
+            with pytest.raises(SystemExit) as stop:
+                main(["live", "-", *MODEL, option, str(used)])
+            out, err = capsys.readouterr()
+            assert (stop.value.code, out) == (2, "")
+            assert err == f"replant: {used}: another session writes there; end that one, or give another name\n"
         first.kill()
         first.wait()
     peer.close()
-    with live("-", option, used) as third:
-        code, _, err = finished(third, b"")
+    with live("-", *options) as third:
+        _, _, err = finished(third, b"")
     assert "another session" not in err
 
 
