@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 import replant as rp
 from support.cases import every
 
-DT, SAMPLES = 0.1, 1200
+DT, SAMPLES = 0.1, 600
 PLANT = rp.TransferFunction([2.0], [1.0, 1.0]), rp.TransferFunction([0.5], [1.0, 0.5])
 ASKED: dict[str, Any] = {"poles": (1, 1)}
 

@@ -245,7 +245,7 @@ def test_the_end_finds_a_load_that_was_missed(monkeypatch: pytest.MonkeyPatch) -
 
 def test_the_end_finds_another_plant_that_was_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(miso_state, "find_change", lambda *_: None)
-    u, at = inputs(10)[:3500], 1700
+    u, at = inputs(10)[:2500], 1200
     ident = identified(u, noisy(10, changed_at(u, at), 0.0))
     assert ident.begins == (0,)
     ident.finish()

@@ -13,5 +13,5 @@ def results() -> dict[str, TableResult]:
 
 @pytest.fixture(scope="session")
 def actuator() -> Actuator:
-    """Return the experiment on the first 3 s of the rig."""
-    return reproduce_actuator(measure_rig(3_000))
+    """Return the experiment on the first 2 s of the rig."""
+    return reproduce_actuator(measure_rig(2_000))

@@ -71,7 +71,7 @@ def assert_same(one: Result, other: Result) -> None:
 
 
 @every("optimizer", ["auto", "amsgrad"])
-@every("size", [333, 1, 6000], quick=1)
+@every("size", [333, 1, 3000], quick=1)
 @every("fitted", [1000, 1 << 18], quick=1)
 def test_the_size_of_the_batches_does_not_matter(
     monkeypatch: pytest.MonkeyPatch, size: int, fitted: int, optimizer: str
@@ -79,7 +79,7 @@ def test_the_size_of_the_batches_does_not_matter(
     """To the bit."""
     monkeypatch.setattr(run, "FITTED", fitted)
     monkeypatch.setattr(run, "CHUNK", 100)
-    u, y = record()
+    u, y = record(3000)
     request = Request(STRUCTURE, DT, preprocess=rp.Preprocess("identity", "mean", "mean"), optimizer=optimizer)
     whole = run_online(request, u, y)
     source = Parts(u, y, size)
@@ -91,7 +91,7 @@ def test_the_size_of_the_batches_does_not_matter(
 
 def test_of_a_record_too_long_to_be_held_the_newest_samples_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "FITTED", 1000)
-    u, y = record()
+    u, y = record(3000)
     request = Request(STRUCTURE, DT)
     whole, part = run_online(request, u, y), run_source(request, Parts(u, y, 700), newest=1500)
     assert_same(whole, part)
@@ -99,21 +99,21 @@ def test_of_a_record_too_long_to_be_held_the_newest_samples_are_kept(monkeypatch
     assert whole.overview is None
     assert part.overview is not None
     np.testing.assert_array_equal(part.overview.newest_output, y[-1500:])
-    assert part.overview.samples == 6000
+    assert part.overview.samples == 3000
 
 
 def test_every_sample_goes_to_the_sink_and_to_the_progress(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "FITTED", 2000)
-    u, y = record()
+    monkeypatch.setattr(run, "FITTED", 1000)
+    u, y = record(3000)
     traces: list[rp.Trace] = []
     seen: dict[str, list[int]] = {"identifying": [], "testing": []}
     request = Request(STRUCTURE, DT)
     run_source(request, Parts(u, y, 700), lambda stage, done: seen[stage].append(done), traces.append)
-    expected = rp.Identifier(STRUCTURE, DT, startup=600).update_many(u, y, DT * np.arange(6000))
+    expected = rp.Identifier(STRUCTURE, DT, startup=300).update_many(u, y, DT * np.arange(3000))
     np.testing.assert_array_equal(np.concatenate([trace.parameters for trace in traces]), expected.parameters)
     np.testing.assert_array_equal(np.concatenate([trace.errors for trace in traces]), expected.errors)
     for counts in seen.values():
-        assert counts[-1] == 6000
+        assert counts[-1] == 3000
         assert (np.diff(counts) > 0).all()
 
 

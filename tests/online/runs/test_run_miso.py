@@ -11,7 +11,7 @@ import replant as rp
 from support.cases import every
 from support.rows import ASKED, DT, FAST, SLOW, noisy, row_of, toggling
 
-U = toggling(5, samples=1200)
+U = toggling(5, samples=800)
 Y = noisy(5, row_of(U, FAST, SLOW))
 PLANT = (2.0, 1.0), (0.2, 0.4)  # gain and pole of each input
 
@@ -62,7 +62,7 @@ def test_a_sample_that_is_left_out_takes_its_time(seed: int) -> None:
 
 @pytest.mark.slow
 def test_another_column_is_named_as_by_fit() -> None:
-    third = toggling(8, samples=1200)[:, 0]
+    third = toggling(8, samples=800)[:, 0]
     y = Y + rp.TransferFunction([1.0], [1.0, 1.0]).simulate(third.copy(), DT) * np.std(Y)
     log = rp.Log(U[:, 0].copy(), y, DT, others={"u2": U[:, 1].copy(), "u3": third}, more_inputs=("u2",))
     found, fitted = rp.run(log, **ASKED), rp.fit(log, **ASKED)
@@ -73,7 +73,7 @@ def test_another_column_is_named_as_by_fit() -> None:
 
 
 def test_stamps_and_references_come_with_the_samples() -> None:
-    t = DT * np.arange(Y.size) + np.where(np.arange(Y.size) < 700, 0.0, 100.0)
+    t = DT * np.arange(Y.size) + np.where(np.arange(Y.size) < 500, 0.0, 100.0)
     found = rp.run(U, Y, DT, **ASKED, t=t, reference=U)
     assert found.parameters == pytest.approx(rp.fit(U, Y, DT, **ASKED, t=t, reference=U).parameters, rel=1e-3)
 
@@ -84,9 +84,9 @@ def test_stamps_and_references_come_with_the_samples() -> None:
         ({"structure": rp.Structure(1)}, "several inputs take no structure yet: leave it out"),
         ({"optimizer": "amsgrad"}, "several inputs take no optimizer yet: leave it out"),
         ({"preprocess": rp.Preprocess()}, "several inputs take no preprocess yet: leave it out"),
-        ({"t": DT * np.arange(7)}, "t has 7 rows and y 1200 samples: give one row for each"),
-        ({"reference": U[:9]}, "reference has 9 rows and y 1200 samples: give one row for each"),
-        ({"t": DT * np.r_[0:600, 599:1199]}, r"t must be finite and strictly increasing; t\[600\]"),
+        ({"t": DT * np.arange(7)}, "t has 7 rows and y 800 samples: give one row for each"),
+        ({"reference": U[:9]}, "reference has 9 rows and y 800 samples: give one row for each"),
+        ({"t": DT * np.r_[0:600, 599:799]}, r"t must be finite and strictly increasing; t\[600\]"),
         ({"poles": (1, 1, 1)}, "poles has 3 entries"),
     ],
 )
