@@ -315,19 +315,19 @@ def test_help_speaks_of_ranges_where_they_are_taken(capsys) -> None:
         assert ("range such as 1:4" in " ".join(out.split())) == (command != "compare")
 
 
-@pytest.mark.parametrize("columns", [40, 80, 200])
 def test_reasons_fit_the_terminal_and_keep_figures_with_their_units(
-    capsys, log: Path, monkeypatch: pytest.MonkeyPatch, columns: int
+    capsys, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("COLUMNS", str(columns))
     _, as_json, _ = call(capsys, "run", log, *COLUMNS, "--json")
-    _, out, _ = call(capsys, "run", log, *COLUMNS)
-    reasons = out[out.index("Verdict") : out.index("Settings chosen from")].rstrip().splitlines()[1:]
-    assert " ".join(line.strip() for line in reasons) == " ".join(json.loads(as_json)["verdict"]["reasons"])
-    for line in reasons:
-        assert len(line) <= columns
-        assert line == line.rstrip()
-        assert not line.strip().startswith("%")
+    for columns in (40, 80, 200):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        _, out, _ = call(capsys, "run", log, *COLUMNS)
+        reasons = out[out.index("Verdict") : out.index("Settings chosen from")].rstrip().splitlines()[1:]
+        assert " ".join(line.strip() for line in reasons) == " ".join(json.loads(as_json)["verdict"]["reasons"])
+        for line in reasons:
+            assert len(line) <= columns
+            assert line == line.rstrip()
+            assert not line.strip().startswith("%")
 
 
 @pytest.mark.parametrize("command", [pytest.param("run", marks=pytest.mark.slow), "fit"])

@@ -262,7 +262,7 @@ def test_what_does_not_match_is_named_in_a_line(u: Any, y: Any, asked: dict[str,
     assert "\n" not in str(caught.value)
 
 
-@every("seed", [5, 0, 2, 3, 4, 1], quick=2)
+@every("seed", [4, 0, 2, 3, 5, 1], quick=2)
 def test_an_output_that_has_nothing_to_do_with_the_inputs_is_not_trusted(seed: int) -> None:
     """A slow pole follows a random walk, and the standard deviations of what follows from the inputs are its size."""
     walk = np.cumsum(np.random.default_rng(seed).standard_normal(3000))
@@ -284,9 +284,9 @@ def test_a_model_beside_which_others_are_as_likely_is_not_trusted(seed: int) -> 
 
 @every("size", [1e-80, 1e80, 1e140])
 def test_the_unit_of_the_signals_changes_no_estimate(size: float) -> None:
-    u = toggling(0, samples=1000)
+    u = toggling(0, samples=500)
     y = noisy(0, row_of(u, FAST, SLOW))
-    usual = with_noise(0, 1000).parameters
+    usual = with_noise(0, 500).parameters
     assert rp.fit(u * size, y * size, DT, **ASKED).parameters == pytest.approx(usual, rel=1e-6)
 
 
