@@ -37,6 +37,13 @@ def test_what_is_left_out_of_a_log_is_said(capsys, tmp_path: Path) -> None:
     assert err == f"replant: note: {path}: {why}\n"
 
 
+def test_two_columns_that_are_one_signal_are_named(capsys, tmp_path: Path) -> None:
+    path, u = tmp_path / "log.csv", prbs(500, hold=10)
+    path.write_text("t,u,y\n" + "".join(f"{0.1 * k:.1f},{each:g},{2.0 * each:g}\n" for k, each in enumerate(u)))
+    _, out, _ = call(capsys, "look", path)
+    assert "of y to changes of u: none, the output is a copy of the input" in " ".join(out.split())
+
+
 def test_the_last_line_is_a_command_that_runs(capsys, log: Path) -> None:
     code, out, err = call(capsys, "look", log)
     assert (code, err) == (0, "")

@@ -167,6 +167,12 @@ class TestVerdict:
         u[800:, 1] = u[800, 1]  # four fifths of the record
         assert "does not move" not in self.status(u, noisy(0, row_of(u, FAST, SLOW)))[1]
 
+    def test_an_output_that_is_an_input(self) -> None:
+        u = toggling(0)
+        status, reasons = self.status(u, u[:, 1].copy())
+        assert status == "inconsistent"
+        assert reasons.startswith("the output is a copy of the input u2")
+
     def test_inputs_that_move_together(self) -> None:
         u = toggling(1, correlation=0.9999, samples=2000)
         status, reasons = self.status(u, noisy(1, row_of(u, FAST, FAST)), poles=(2, 2))

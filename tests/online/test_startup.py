@@ -75,6 +75,14 @@ def test_an_output_that_stands_still_is_said_where_no_first_model_comes() -> Non
     assert verdict.reasons[0].startswith("the output is constant over the last ")
 
 
+def test_an_output_that_is_the_input_is_said_from_the_start_up_on() -> None:
+    u = measured(2, 400)[0]
+    for samples in (200, 400):
+        ident = rp.Identifier(STRUCTURE, DT, startup=300)
+        ident.update_many(u[:samples], u[:samples])
+        assert ident.assess().reasons[0].startswith("the output is a copy of the input"), samples
+
+
 def test_a_start_up_counts_outputs_not_samples() -> None:
     u, y = measured(2, 400)
     y, lost = some_missing(y, 0.5, 2)

@@ -231,6 +231,10 @@ PAIRS: dict[str, Pair] = {
         lambda: fit(np.sin(DT * np.arange(SAMPLES)), np.sin(DT * np.arange(SAMPLES) - 1.0), rp.Structure(3, 2)),
         lambda: fit(U, out(U)),
     ),
+    "the output is a copy of the input": (
+        lambda: fit(U, 2.5 * U + 20.0),
+        lambda: fit(U, out(U, FAST, part=0.0)),
+    ),
     "the output has only": (
         lambda: run(out(U), U),
         lambda: run(U, coarse(out(U), 6)),

@@ -216,7 +216,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"the input is constant|has rested|hardly moves|came to rest", _move),
     (r"does not move|has moved for|move together|could be left out|another model is as likely", _move),
     (r"does not excite every coefficient|is as fast as is looked for", _fewer),
-    (r"the output has only|explains almost nothing", _look),
+    (r"the output (?:has only|is a copy)|explains almost nothing", _look),
     (r"s apart where dt says", _clock),
     (r"have a gap every", _without_stamps),
     (r"the actuator seems", _look),

@@ -7,12 +7,15 @@ import shlex
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from replant.fitting.log_inspection import Inspection, options_of
 from replant.fitting.model_json import finite
 from replant.logs.columns import Column, Kind, counts_rows
 from replant.logs.sampling_time import time_candidates
 from replant.numerics.limits import typed_path
 from replant.plotting.numbers import duration, interval, wrapped
+from replant.verdict.evidence import COPY, is_copy
 from replant.verdict.verdict import percent as share
 
 FEW = 8  # different values up to which their number is shown [count]
@@ -234,6 +237,10 @@ def _response(found: Inspection) -> str:
     assert roles.input is not None
     assert roles.output is not None
     pair = f"{roles.output.column.name} to changes of {roles.input.column.name}"
+    u, y = (found.contents.values[role.column.number] for role in (roles.input, roles.output))
+    known = np.isfinite(u) & np.isfinite(y) if u.size == y.size else np.zeros(0, bool)
+    if known.size and is_copy(u[known], y[known]):
+        return f"of {pair}: none, {COPY}"
     if found.first is not None:
         first = found.first
         dead = f"begins after {interval(float(f'{first.delay:.2g}'))}" if first.delay > 0.0 else "begins at once"

@@ -39,7 +39,17 @@ from replant.verdict.estimate_tests import (
     movement_findings,
     uncertainty_findings,
 )
-from replant.verdict.evidence import CONSTANT, FEWEST, LEAST_POWER, STANDS_STILL, Evidence, is_constant, moving
+from replant.verdict.evidence import (
+    CONSTANT,
+    COPY,
+    FEWEST,
+    LEAST_POWER,
+    STANDS_STILL,
+    Evidence,
+    is_constant,
+    is_copy,
+    moving,
+)
 from replant.verdict.reasons import POOREST_FIT, judge
 from replant.verdict.sensor_and_excitation import (
     REFUSED,
@@ -141,6 +151,8 @@ def assess_starting(
         findings.append(Finding("not excited", CONSTANT))
     elif wanted > request.startup and is_constant(kept.output[there]):
         findings.append(Finding("inconsistent", STANDS_STILL.format(f"the last {duration(kept.interval[1:].sum())}")))
+    elif is_copy(u[there], kept.output[there]):
+        findings.append(Finding("inconsistent", COPY))
     if u.size > 1:
         findings += clock_finding(float(np.median(kept.interval[1:])), request.dt)
     findings += level_finding(u[there], kept.output[there])

@@ -32,7 +32,7 @@ from replant.numerics.linear_algebra import (
 )
 from replant.numerics.projections import WEAKEST, orthogonal, widening, without
 from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
-from replant.verdict.evidence import FEWEST, RESTED, moving, rounding_of
+from replant.verdict.evidence import FEWEST, RESTED, is_copy, moving, rounding_of
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, figure, percent
 
 FILTERS = 8  # first-order filters of each input that its transfer function is tested against [count]
@@ -49,7 +49,7 @@ def judged(
     is_of_record: bool = True,
 ) -> Verdict:
     """Return the verdict of a point, with other findings about it."""
-    findings = untold(row, record, point, covariance)
+    findings = [*_copied(row), *untold(row, record, point, covariance)]
     if not findings:
         findings += [*_useless(row, point, noise, covariance), *lacking(row, point, noise)]
     unsure = [] if findings else list(_unsure(row, point, covariance))
@@ -74,6 +74,14 @@ def _rest(row: Row) -> float:
 def untold(row: Row, record: Record, point: Point, covariance: FloatArray) -> list[Finding]:
     """Return which inputs rest or move together, and else whose transfer functions the record does not tell."""
     return [*_at_rest(row), *_alike(row), *_uncertain(row, record, point, covariance)]
+
+
+def _copied(row: Row) -> Iterator[Finding]:
+    known = row.record.is_measured
+    for name, u in zip(row.names, row.inputs.T, strict=True):
+        if is_copy(u[known], row.record.y[known]):
+            reason = f"the output is a copy of the input {name}, sample for sample: name the output's column"
+            yield Finding("inconsistent", reason)
 
 
 def _at_rest(row: Row) -> Iterator[Finding]:

@@ -34,7 +34,17 @@ from replant.numerics.linear_algebra import quiet
 from replant.numerics.robust import robust_std
 from replant.verdict import sensor_and_excitation
 from replant.verdict.estimate_tests import Certainty, slow_noise, without_longer
-from replant.verdict.evidence import CONSTANT, LEAST_POWER, RESTING, STANDS_STILL, Evidence, Runs, is_constant
+from replant.verdict.evidence import (
+    CONSTANT,
+    COPY,
+    LEAST_POWER,
+    RESTING,
+    STANDS_STILL,
+    Evidence,
+    Runs,
+    is_constant,
+    is_copy,
+)
 from replant.verdict.input_faults import actuator_findings, dead_time_findings, hold_findings
 from replant.verdict.residual_tests import (
     COLOURED,
@@ -139,6 +149,8 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
     known = evidence.raw[evidence.used]
     if known.size and known.min() == known.max():
         return [*findings, Finding("inconsistent", STANDS_STILL.format(evidence.span))]
+    if is_copy(u[evidence.used], known):
+        return [*findings, Finding("inconsistent", COPY)]
     if evidence.counted < evidence.enough:
         since = "" if evidence.in_sample else " (since the last interruption)"
         reason = f"{evidence.counted} samples{since} are too few for a verdict: it takes {evidence.enough}"
