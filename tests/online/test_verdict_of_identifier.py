@@ -54,6 +54,13 @@ def assert_trusted(verdict: Assessment, *, without_caveat: bool = True) -> None:
     assert verdict.held_out > 0
 
 
+def test_stamps_in_another_unit_are_named_though_each_sample_lies_behind_a_gap() -> None:
+    u, y = noisy(PLANT, 3000, DT, 20.0, 1)
+    verdict = identified(u, y, t=1000.0 * DT * np.arange(3000)).assess()
+    assert verdict.status == "inconsistent"
+    assert verdict.reasons[0].startswith(f"the time stamps are {1000.0 * DT:.3g} s apart where dt says {DT:.3g} s")
+
+
 # --- right and wrong: `make accuracy` takes thirty of each
 
 

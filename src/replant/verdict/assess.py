@@ -166,7 +166,8 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
 
     dt, size, origin, samples = settings.dt, settings.structure.size, state.record_began, state.samples
     finished = state.finished_at == samples
-    in_use = _in_use(RecentSamples.of(state, STORED if finished else RECENT).cleaned(), state)
+    raw = RecentSamples.of(state, STORED if finished else RECENT).cleaned()
+    in_use, intervals = _in_use(raw, state), raw.interval[-max(samples - origin, 1) :][1:]
     kept = in_use if finished else in_use.since_last_gap(dt)
     record = kept.without_stuck().record(dt, settings.filter.input_hold, parted=True)
     is_well = finished or _is_well(kept)  # what is over is left out, and said
@@ -213,7 +214,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         missing=_missing(in_use),
         stuck=not finished and bool(kept.is_stuck[-outliers.CALM :].any()),
         left_out=state.stuck if finished else int(kept.is_stuck.sum()) if is_well else 0,
-        usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
+        usual_interval=float(np.median(intervals)) if intervals.size else 0.0,
         # a solution of the whole record has left out what the sensor did not measure
         measured=None if finished else newest.output.copy(),
         bridged=newest.is_bridged if finished else newest.is_replaced,

@@ -137,10 +137,11 @@ def _lacks_excitation(findings: list[Finding]) -> bool:
 def _of_samples(evidence: Evidence) -> list[Finding]:
     """Return the findings that need no model."""
     findings = [Finding("diverged", sensor_and_excitation.REFUSED)] if evidence.refused else []
-    if evidence.usual_interval:
-        findings += sensor_and_excitation.clock_finding(evidence.usual_interval, evidence.dt)
-    findings += sensor_and_excitation.burst_of_stamps_finding(evidence.record)
+    clock = sensor_and_excitation.clock_finding(evidence.usual_interval or evidence.dt, evidence.dt)
+    findings += clock + sensor_and_excitation.burst_of_stamps_finding(evidence.record)
     u, whole = evidence.record.u, evidence.record.joined.u
+    if is_constant(whole) and clock:  # each interval may be a gap, and the record a single sample
+        return findings
     if is_constant(whole):
         reason = CONSTANT
         if evidence.largest_power > (RESTING * float(np.abs(u).max())) ** 2:
