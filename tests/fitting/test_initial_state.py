@@ -37,6 +37,16 @@ def test_a_gain_that_rest_confirms_is_trusted(seed: int) -> None:
     assert step_test(seed).verdict.status == "trusted"
 
 
+def test_where_a_step_at_once_leaves_the_gain_unknown_rest_is_asked_for_and_no_longer_record() -> None:
+    u = np.append(0.0, np.ones(299))
+    y = rp.TransferFunction([0.4], [1.0, 0.2]).simulate(u, 0.1)
+    found = rp.fit(u, 20.0 + y + 0.02 * np.random.default_rng(1).standard_normal(300), 0.1, poles=1)
+    assert found.verdict.status == "converging"
+    assert found.verdict.reasons[0].startswith(REASON)
+    assert not any("times" in reason for reason in found.verdict.reasons)
+    assert rp.fit(rp.from_rest(rp.Log(u, 20.0 + y, 0.1)), poles=1).verdict.status == "trusted"
+
+
 @every("seed", range(6))
 def test_a_record_that_begins_in_motion_is_not_said_to_rest(seed: int) -> None:
     verdict = step_test(seed, before=0.5).verdict

@@ -29,6 +29,7 @@ from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, quiet, sum_of_squares
 from replant.verdict import Assessment, Simulation, assess_record
 from replant.verdict.assess import MOST_SAMPLES
+from replant.verdict.estimate_tests import without_longer
 from replant.verdict.other_columns import OtherColumn, other_columns, with_other_columns
 from replant.verdict.residual_tests import COPIED, IDLE, Reference, fault_of
 from replant.verdict.sensor_and_excitation import FROM_REST, LOADS_ACT, LOADS_MAY_ACT, times_after
@@ -164,10 +165,11 @@ class FitResult(Identified):
         if self.rival is not None and verdict.status == "trusted":
             reasons = LOADS_MAY_ACT.format(self.rival._after), *verdict.reasons
             verdict = replace(verdict, status="converging", reasons=reasons)
-        if verdict.status == "trusted" and self.covariance is not None:
-            gain = gain_from_rest(self.structure, self.parameters, self.covariance, self._kept)
+        trusted = verdict.status == "trusted"
+        if self.covariance is not None and (trusted or verdict.status == "converging"):
+            gain = gain_from_rest(self.structure, self.parameters, self.covariance, self._kept, trusted=trusted)
             if gain is not None:
-                reasons = FROM_REST.format(gain, self.transfer_function.dc_gain), *verdict.reasons
+                reasons = FROM_REST.format(gain, self.transfer_function.dc_gain), *without_longer(verdict).reasons
                 verdict = replace(verdict, status="converging", reasons=reasons)
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):

@@ -162,8 +162,10 @@ def _line(t: FloatArray, signal: FloatArray, known: BoolArray) -> FloatArray:
 
 
 @quiet
-def gain_from_rest(structure: Structure, theta: FloatArray, covariance: FloatArray, record: Record) -> float | None:
-    """Return the gain of the model from rest, where it is likelier than that of a model (P,); None where it is not."""
+def gain_from_rest(
+    structure: Structure, theta: FloatArray, covariance: FloatArray, record: Record, *, trusted: bool = True
+) -> float | None:
+    """Return the gain of the model from rest, where it refutes that of a model (P,), or this is not known; else None."""
     if not has_rest(structure.transfer_function(theta), record.span) or len(record.parts) > 1 or record.r is not None:
         return None
     if not _rests(record) or not _is_taken(structure, theta, record):
@@ -177,6 +179,8 @@ def gain_from_rest(structure: Structure, theta: FloatArray, covariance: FloatArr
     if assess_record(structure, found.theta[:size], longer, record.dt, known).status != "trusted":
         return None
     free, at_rest = (structure.transfer_function(each).dc_gain for each in (theta, found.theta[:size]))
+    if not trusted:
+        return at_rest
     stds = (Uncertainty(structure, theta, covariance), Uncertainty(structure, found.theta[:size], known))
     more = stds[0].dc_gain_std ** 2 - stds[1].dc_gain_std ** 2
     return at_rest if more > 0.0 and (free - at_rest) ** 2 > chi2_quantile(1.0 - LEVEL, 1) * more else None
