@@ -325,6 +325,20 @@ def test_ctrl_c_while_the_second_python_starts_does_not_end_it() -> None:
     assert made.lives()
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
+def test_a_process_that_was_forked_gives_its_memory_back() -> None:
+    script = """
+import multiprocessing
+from replant.online.second_process import Place
+kept = [Place(0)]
+child = multiprocessing.get_context("fork").Process(target=lambda: kept.append(Place(0)))
+child.start()
+child.join()
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_what_belongs_to_the_process_that_this_one_was_forked_from_is_closed() -> None:
     made = second_process.Worker()
     process = made._process

@@ -16,6 +16,7 @@ import threading
 import weakref
 from collections.abc import Callable, Sequence
 from multiprocessing import resource_tracker
+from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,8 @@ class Place:
                 f"background=True needs shared memory, which the system refuses ({error})"
             ) from error
         self._owner = os.getpid()
-        self._end = weakref.finalize(self, _give_back, memory, self._owner)
+        # by its owner alone, also where `multiprocessing` has forked that, at whose end `weakref.finalize` does nothing
+        self._end = Finalize(self, _give_back, (memory,), exitpriority=0)
         assert memory.buf is not None
         self.name, self.buffer = memory.name, memory.buf
         self._told: tuple[Any, bytes] = None, b""
@@ -82,10 +84,9 @@ class Place:
         return self.buffer[0] == PENDING
 
 
-def _give_back(memory: Any, owner: int) -> None:
+def _give_back(memory: Any) -> None:
     with contextlib.suppress(OSError, BufferError):
-        if os.getpid() == owner:
-            memory.unlink()
+        memory.unlink()
         memory.close()
 
 
