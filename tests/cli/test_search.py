@@ -70,6 +70,9 @@ def test_a_dead_time_is_found_between_the_points_and_the_report_lists_what_was_t
     assert (code, err) == (0, "")
     (said,) = [line for line in out.splitlines() if line.startswith("The dead time between the points")]
     assert float(said.split(":")[1].split()[0]) == pytest.approx(0.2, abs=0.01)
+    (row,) = [line for line in out.splitlines() if line.endswith(" chosen")]
+    assert float(row.split()[2]) == pytest.approx(0.2, abs=0.01)
+    assert row.split()[-2] == "0.0"  # nothing has more evidence
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Structures tried" in page
     assert page.count(">chosen<") == 1

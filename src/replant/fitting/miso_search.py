@@ -92,8 +92,8 @@ class _Search:
         # a trial behind by more than chance makes of all its parameters cannot win
         self._reach = chi2_quantile(1.0 - ALPHA, sum(max(each.poles) * 2 + 1 for each in options))
 
-    def found(self) -> tuple[Trial, Trial]:
-        """Return the best trial of the grid, and the one that is chosen: its dead times may lie between the grid's."""
+    def found(self) -> Trial:
+        """Return the trial that is chosen: its dead times may lie between the grid's."""
         first = tuple(Structure(*each.sizes()[0], each.delays[0]) for each in self.options)
         best = self._try(first)
         if best is None:
@@ -143,16 +143,14 @@ class _Search:
             return trials[low]
         return likeliest_between(trials, low, high, self.record.dt, lambda delay, beside: self._at(beside, i, delay))
 
-    def _on_grid(self, best: Trial) -> tuple[Trial, Trial]:
-        """Return the trial with the grid's dead times, and the best one where these stay unless others are paid for."""
-        on_grid = best
+    def _on_grid(self, best: Trial) -> Trial:
+        """Return the best trial with the grid's dead times, but for those that are paid for."""
         for i, each in enumerate(self.options):
             nearest = each.delays[self._nearest(best.structures[i], i)]
-            on_grid = self._at(on_grid, i, nearest) or on_grid
             stays = self._at(best, i, nearest) or best
             paid = best.likelihood - stays.likelihood > 0.5 * math.log(self.record.u.size)
             best = best if paid else stays
-        return on_grid, best
+        return best
 
     def _nearest(self, structure: Structure, i: int) -> int:
         return int(np.argmin(np.abs(np.array(self.options[i].delays) - structure.delay)))
@@ -220,7 +218,7 @@ def search_rows(given: Samples, options: Sequence[Options], progress: Callable[[
     record = leaving_out(ready.record, suspected(ready.record, ready.inputs))
     for _ in range(2):
         sweep = _Search(record, inputs, options, say)
-        on_grid, chosen = sweep.found()
+        chosen = sweep.found()
         orders = [tuple(getattr(each, name) for each in chosen.structures) for name in ("poles", "zeros", "delay")]
         best = fit_row(given, *orders)
         bad = np.zeros(ready.used.size, bool)
@@ -236,4 +234,6 @@ def search_rows(given: Samples, options: Sequence[Options], progress: Callable[[
         for key, trial in sweep.tried.items()
         if all(each.delay in of.delays for each, of in zip(key, options, strict=True))
     }
-    return SearchResult(best, candidates[on_grid.structures], tuple(candidates.values()))
+    between = chosen.structures not in candidates
+    candidates.setdefault(chosen.structures, chosen.candidate(record.span))
+    return SearchResult(best, candidates[chosen.structures], tuple(candidates.values()), between)

@@ -79,12 +79,16 @@ class SearchResult:
         The fit of the chosen structure to the whole record, its dead time found between the points of the grid.
     chosen : Candidate
     candidates : tuple of Candidate
-        All of the grid, in its order; of several inputs those that were tried.
+        All of the grid, in its order, and the one chosen, where it is not of the grid; of several inputs those that
+        were tried.
+    between : bool
+        Whether the dead time of the one chosen lies between the points of the grid.
     """
 
     best: Any  # FitResult or RowFit: which, the record tells
     chosen: Candidate
     candidates: tuple[Candidate, ...]
+    between: bool = False
 
     @property
     def delays(self) -> tuple[float, ...]:

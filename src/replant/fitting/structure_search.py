@@ -170,12 +170,9 @@ def _searched(
             break
         used = replace(used, y=made.y, measured=made.measured)  # and again, without what this model finds bad
     progress(len(grid), len(grid))
-    candidates = tuple(sweep.candidate(structure) for structure in grid)
-    nearest = min(
-        (each for each in candidates if _size(each.structures[0]) == _size(chosen.structure)),
-        key=lambda each: abs(each.structures[0].delay - chosen.structure.delay),
-    )
-    return SearchResult(best, nearest, candidates)
+    shown = list(dict.fromkeys([*grid, chosen.structure]))
+    candidates = tuple(sweep.candidate(structure) for structure in shown)
+    return SearchResult(best, candidates[shown.index(chosen.structure)], candidates, chosen.structure not in grid)
 
 
 class _Sweep:
@@ -206,9 +203,9 @@ class _Sweep:
         return top if paid else on_grid
 
     def candidate(self, structure: Structure) -> Candidate:
-        """Return what came of a structure of the grid."""
-        trial = self._tried.get(structure)
-        if trial is None:
+        """Return what came of a structure of the grid, or of the one chosen."""
+        trial = self._tried.get(structure, self._between.get(_size(structure)))
+        if trial is None or trial.structure != structure:
             return Candidate(structure)
         found, span = trial.found, self._evidence.record.span
         uncertainty = least_known(structure, found.theta, found.covariance, span)

@@ -398,7 +398,7 @@ def print_candidates(console: Any, found: SearchResult) -> None:
         console.print(found.rest, highlight=False)
     if found.likely[0] is not found.chosen:
         console.print("Orders are compared with the dead time found between the points of the grid", highlight=False)
-    if found.delays != tuple(each.delay for each in found.chosen.structures):
+    if found.between:
         delays = ", ".join(f"{delay:.4g}" for delay in found.delays)
         console.print(f"\nThe dead time between the points of the grid: {delays} s", highlight=False)
 
