@@ -362,6 +362,12 @@ def test_a_folder_that_cannot_be_is_refused_before_the_work(
     assert err == f"replant: Invalid value for --out: {taken} is a file; name a folder\n"
 
 
+def test_a_name_of_a_file_is_no_folder(capsys, log: Path, tmp_path: Path) -> None:
+    code, _, err = call(capsys, "fit", log, *COLUMNS, "--out", tmp_path / "rep.pdf")
+    assert (code, list(tmp_path.glob("*.pdf"))) == (2, [])
+    assert err.endswith("rep.pdf is the name of a file; report.html comes into a folder\n")
+
+
 @pytest.mark.parametrize("command", ["run", "fit"])
 def test_as_many_zeros_as_poles_where_they_are_allowed(capsys, tmp_path: Path, command: str) -> None:
     u = prbs(2000, hold=8)

@@ -56,6 +56,7 @@ def test_one_page_shows_all_of_them(capsys, log, saved, tmp_path) -> None:
 def test_what_is_missing_is_one_line(capsys, log, saved, tmp_path) -> None:
     for arguments, words in (
         ((saved[0],), "name the log behind the models"),
+        ((log, saved[0], saved[1]), "name the log behind the models"),
         ((saved[0], saved[1]), "name the log behind the models"),
         ((saved[0], tmp_path / "no.csv"), "no.csv"),
         ((saved[0], log, log), "no model that --save has written"),

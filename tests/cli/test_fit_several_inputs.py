@@ -290,6 +290,14 @@ def test_references_that_cannot_be_are_one_line(capsys: Any, followed: Path, wor
         assert words in err
 
 
+def test_two_inputs_with_one_name_are_said_to_be_columns(capsys: Any, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,u,u,y\n" + "".join(f"{k},{k % 7},{k % 5},{k % 3}\n" for k in range(100)))
+    code, _, err = call(capsys, "fit", path, "-i", "1", "-i", "2", "-o", "y", "-p", "1,1")
+    assert code == 2
+    assert err.endswith("columns 1, 2 are to be inputs, and are called 'u', 'u': give each a name of its own\n")
+
+
 def test_compare_takes_one_reference(capsys: Any, followed: Path) -> None:
     code, _, err = call(capsys, "compare", followed, "-i", "Q1", "-o", "T1", "-p", 1, *SET_POINTS)
     assert code == 2

@@ -98,6 +98,12 @@ def test_a_bad_range_is_one_line_and_exit_code_2(capsys, log: Path, arguments, w
     assert all(word in err for word in words), err
 
 
+def test_how_many_dead_times_a_range_without_a_step_has_is_said(capsys, log: Path) -> None:
+    _, _, err = fit(capsys, log, *COLUMNS, "--poles", "1", "--delay", "0:0.5")
+    assert err == "replant: note: --delay 0:0.5: in steps of 1 s, 1 in all; give another step as in 0:0.5:0.05\n"
+    assert fit(capsys, log, *COLUMNS, "--poles", "1", "--delay", "0:0.5:0.25")[2] == ""
+
+
 def test_compare_takes_no_range(capsys, log: Path) -> None:
     with pytest.raises(SystemExit) as stop:
         main(["compare", str(log), *COLUMNS, "--poles", "1:2"])

@@ -10,6 +10,7 @@ import pytest
 
 import replant as rp
 from replant.verdict import Assessment
+from replant.verdict.estimate_tests import longer
 from support.builders import binary
 from support.cases import every
 from support.loops import DT as LOOP_DT
@@ -296,3 +297,17 @@ def test_what_is_made_from_the_output_does(seed: int) -> None:
     for wrong in (r - y, y):
         verdict = rp.fit(u, y, LOOP_DT, rp.Structure(2), reference=wrong).verdict
         assert said(verdict, FOLLOWS), (seed, verdict.reasons)
+
+
+def test_no_less_than_a_tenth_more_is_asked_for() -> None:
+    assert longer(1.02, 1.0, "record {} times as long") == "record 1.1 times as long"
+    assert longer(2.0, 1.0, "record {} times as long") == "record 4 times as long"
+
+
+def test_an_input_that_stands_still_to_the_bit_has_no_part_of_its_variance() -> None:
+    u = np.append(binary(1, 3000, 8), np.ones(2500))
+    y = rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u, 0.05) + 0.02 * np.random.default_rng(1).standard_normal(5500)
+    ident = rp.Identifier(poles=1, dt=0.05)
+    ident.update_many(u, y)
+    assert not any(" 0 %" in reason for reason in ident.assess().reasons)
+    assert any(reason.startswith("the input has rested for the last") for reason in ident.assess().reasons)

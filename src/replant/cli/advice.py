@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from replant.cli.conditioning_options import REST
-from replant.cli.option_types import command_line
+from replant.cli.option_types import command_line, typed
 from replant.fitting.log_inspection import rounded_up
 from replant.logs.column_roles import prepared, response
 from replant.logs.log import Log
@@ -105,7 +105,7 @@ def _keep(situation: Situation) -> NextStep:
 
 
 def _search(situation: Situation) -> NextStep:
-    if situation.is_searched and re.fullmatch(r"\d+", _typed("--poles")):  # dead times were searched for, orders not
+    if situation.is_searched and re.fullmatch(r"\d+", typed("--poles")):  # dead times were searched for, orders not
         return NextStep("search the number of poles, too", again("poles", poles=f"1:{min(situation.poles + 2, 4)}"))
     if situation.is_searched:
         half = 0.5 * situation.log.duration
@@ -115,12 +115,6 @@ def _search(situation: Situation) -> NextStep:
     searched = ["--poles", f"1:{min(situation.poles + 1, 4)}", "--delay", delays]
     command = shlex.join([*_fit("poles", "zeros", "delay", "method"), *searched])
     return NextStep("search the structure and the dead time", command)
-
-
-def _typed(option: str) -> str:
-    """Return the value that an option was given; empty where it was not."""
-    words = shlex.split(command_line())
-    return words[words.index(option) + 1] if option in words else ""
 
 
 def _wait(_: Situation) -> NextStep:

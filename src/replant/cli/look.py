@@ -174,6 +174,8 @@ SHOWN = 7  # columns of the table that fit into a terminal [count]
 def compare_models(options: dict[str, Any]) -> bool:
     """Compare the models in all files but the last over the log in the last one; False where the first is no model."""
     if not holds_model(options["logs"][0]):
+        if any(holds_model(each) for each in options["logs"][1:]):
+            raise click.UsageError("name the log behind the models: replant compare MODEL.json MODEL2.json LOG")
         return False
     from replant.report.compared_page import compare as compare_saved
     from replant.report.compared_page import write_models

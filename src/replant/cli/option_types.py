@@ -197,6 +197,12 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
     return shlex.join(words)
 
 
+def typed(option: str) -> str:
+    """Return the value that an option was given; empty where it was not."""
+    words = shlex.split(command_line())
+    return words[words.index(option) + 1] if option in words else ""
+
+
 JSON = flag("--json", "Print one JSON object.", "as_json")
 
 

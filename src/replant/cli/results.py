@@ -225,11 +225,17 @@ def write_errors_reported(out: Path) -> Iterator[None]:
         raise click.BadParameter(f"cannot write {where}: {cause.strerror}", param_hint="--out") from cause
 
 
+#: Suffixes of files, which no folder for results is meant to have.
+OF_FILES = (".csv", ".htm", ".html", ".json", ".pdf", ".png", ".svg", ".txt")
+
+
 def make_folder(out: Path | None) -> None:
     """Make the folder for results; called before the computation, so that a mistake costs no time."""
     if out is None:
         return
     if out.exists() and not out.is_dir():
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
+    if out.suffix.lower() in OF_FILES and not out.exists():
+        raise click.BadParameter(f"{out} is the name of a file; report.html comes into a folder", param_hint="--out")
     with write_errors_reported(out):
         out.mkdir(parents=True, exist_ok=True)

@@ -28,6 +28,7 @@ from replant.cli.option_types import (
     group,
     path_option,
     structure_options,
+    typed,
 )
 from replant.errors import InvalidArgumentError
 from replant.estimation.optimizers import OPTIMIZERS
@@ -132,11 +133,20 @@ def checked_options(
                     raise click.UsageError(several)
                 given["log"] = given["logs"][0]
             check_complete(given)
+            _note_on_step(given)
             return command(**given)
 
         return group(*options)(checked)
 
     return decorated
+
+
+def _note_on_step(given: dict[str, Any]) -> None:
+    """Say how many dead times a range without a step has."""
+    asked = typed("--delay")
+    if asked.count(":") == 1 and "," not in asked:
+        tenth, tried = 0.1 * float(asked.partition(":")[2]), len(given["delay"])
+        note(f"--delay {asked}: in steps of 1 s, {tried} in all; give another step as in {asked}:{tenth:g}")
 
 
 _COLUMNS = _LOGS, _INPUTS, _OUTPUTS, _REFERENCES

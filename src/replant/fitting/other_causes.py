@@ -165,7 +165,7 @@ def _line(t: FloatArray, signal: FloatArray, known: BoolArray) -> FloatArray:
 def gain_from_rest(
     structure: Structure, theta: FloatArray, covariance: FloatArray, record: Record, *, trusted: bool = True
 ) -> float | None:
-    """Return the gain of the model from rest, where it refutes that of a model (P,), or this is not known; else None."""
+    """Return the gain from rest, where it refutes that of a model (P,), or this one is not trusted; else None."""
     if not has_rest(structure.transfer_function(theta), record.span) or len(record.parts) > 1 or record.r is not None:
         return None
     if not _rests(record) or not _is_taken(structure, theta, record):

@@ -280,6 +280,14 @@ def _check_rows(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray
 
 
 def _check_distinct(table: Table, roles: dict[str, int]) -> None:
+    for kind in ("input", "reference"):
+        places = [number for role, number in roles.items() if role.split()[0] == kind]
+        names = [table.names[number] for number in places]
+        if len(set(names)) < len(set(places)):
+            raise LogError(
+                f"{table.path}: columns {', '.join(map(str, places))} are to be {kind}s, and are called "
+                f"{', '.join(map(shown, names))}: give each a name of its own"
+            )
     chosen: dict[int, str] = {}
     for role, number in roles.items():
         name, kind = shown(table.names[number]), role.split()[0]

@@ -53,6 +53,7 @@ INTEGRATOR_SIGMAS = 3.0  # distance from the origin below which a pole may be an
 # steps that would cross the bound are halved ten times
 AT_BOUND = 1e-3  # distance from the fastest pole that is looked for within which one lies at it [part of it]
 
+LEAST_LONGER = 1.1  # by how much more of the same is asked for, at the least: rounded it may be none [ratio]
 LONGER = re.compile(r"(?:(?:record|repeat it) [\w. ]+? times(?: as long)?|take more samples), (?:or )?")  # see `longer`
 
 
@@ -209,7 +210,7 @@ def _is_in_doubt(evidence: Evidence, scatter: float) -> bool:
 
 def longer(uncertainty: float, most: float, times: str) -> str:
     """Return in words how much of the same another record has to hold: a standard deviation falls as 1/sqrt(N)."""
-    return times.format(figure((uncertainty / most) ** 2))
+    return times.format(figure(max((uncertainty / most) ** 2, LEAST_LONGER)))
 
 
 def without_longer(verdict: Assessment) -> Assessment:

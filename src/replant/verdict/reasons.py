@@ -159,6 +159,8 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
     if np.var(u[evidence.newest]) < LEAST_POWER * evidence.largest_power:
         part = percent(float(np.var(u[evidence.newest])) / evidence.largest_power)
         reason = f"the input hardly moves any more: its variance over {evidence.span} is {part} of its largest so far"
+        if is_constant(u[evidence.newest]):
+            reason = sensor_and_excitation.rested(evidence.seconds(evidence.held_out or evidence.samples))
         findings.append(Finding("not excited", reason))
     if evidence.is_young:
         few = f"{evidence.unseen} samples that the estimate has not used are too few"

@@ -237,8 +237,8 @@ def left_out_finding(samples: int) -> list[Finding]:
     """Return what a solution says of so many outputs that it was made without, because the sensor gave none."""
     if not samples:
         return []
-    reason = f"{samples} outputs were left out: the sensor was stuck or at its limit, or they are filled up"
-    return [Finding("trusted", f"{reason}: look at the sensor, or cut them")]
+    reason = f"{samples} outputs were left out: the sensor was stuck or at its limit, they are filled up, or"
+    return [Finding("trusted", f"{reason} the plant rests and nothing is noisy: look at the sensor, or cut them")]
 
 
 def growth_finding(
