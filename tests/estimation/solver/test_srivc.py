@@ -242,3 +242,14 @@ def test_what_each_of_several_records_begins_with_counts_as_fitted() -> None:
         variances.append(found.variance / 0.05**2)
     # of each the deviation is sqrt(2 / 507)
     assert abs(np.mean(variances) - 1.0) < 4.0 * np.sqrt(2.0 / 507 / len(variances))
+
+
+@every("seed", [2, 0, 3, 10, 1], quick=2)
+def test_a_drift_larger_than_the_response_leads_no_start_and_no_choice_astray(seed: int) -> None:
+    """A slow pole follows a random walk and simulates better; whitened, the plant is thousands of nats likelier."""
+    rng, plant = np.random.default_rng(seed), rp.TransferFunction([2.0], [1.0, 2.0, 2.0])
+    u = rng.uniform(-1.0, 1.0, 251).repeat(40)[:10_000]
+    y = plant.simulate(u, 0.05) + 0.05 * rng.standard_normal(u.size) + 0.02 * np.cumsum(rng.standard_normal(u.size))
+    found = refine(rp.Structure(2), Record(u - u.mean(), y - y.mean(), np.array([0.05])), nested=True)
+    assert found is not None
+    assert found.theta[:3] == pytest.approx([2.0, 2.0, 2.0], rel=0.15)

@@ -87,7 +87,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 LOUD = 3.0
-"""Variance of the residual up to which a root is considered [least variance of the roots].
+"""Variance of the residual up to which a root is considered whose residual the input answers [least of the roots].
 Origin: the innovation alone prefers a model without a numerator, which leaves the whole output to the autoregression:
 in half of the runs of the PI and PID loops under a load.
 Sensitivity: halved or doubled, nothing changes on these records.
@@ -115,18 +115,21 @@ def refine(
     if problem.projection is None:
         if nested:
             starts += _with_fewer_poles(structure, record)
-        return _by_output_error(problem, starts, filtered=filtered)
+        return _by_output_error(problem, starts, filtered=filtered, afresh=not given or afresh)
     root = _by_reference(problem, starts)
     if root is None or root.relative_misfit > chi2_quantile(LIKELY, LAGUERRE + 1):
         # a strong load leads every start by instruments astray; least squares is biased, but less led by chance
         others = _from_cutoffs(problem, by_reference=False) if not given or afresh else []
-        root = _best([root, _by_reference(problem, others)], referenced=True)
+        root = _best([root, _by_reference(problem, others)])
     return None if root is None else problem.conclude(root)
 
 
-def _from_cutoffs(problem: Problem, *, by_reference: bool = True) -> list[FloatArray]:
-    """Return the starts behind state-variable filters."""
+def _from_cutoffs(
+    problem: Problem, noise: Autoregression | None = None, *, by_reference: bool = True
+) -> list[FloatArray]:
+    """Return the starts behind state-variable filters, and behind a noise model if there is one."""
     record = problem.whole
+    problem.noise = Autoregression.white(1.0, problem.record.u.size) if noise is None else noise
     cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS)
     found = (problem.from_cutoff(float(cutoff), by_reference=by_reference) for cutoff in cutoffs)
     return [start for start in found if start is not None]
@@ -146,7 +149,7 @@ def _with_fewer_poles(structure: Structure, record: Record) -> list[FloatArray]:
     return [Problem(structure, record).with_nuisances(without_nuisances(structure, theta))]
 
 
-def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:
+def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool, afresh: bool) -> Refined | None:
     """Return the estimate of the least output error, or that of the least innovation where its noise model is right."""
     distinct = _promising(problem, starts)
     if not distinct:
@@ -158,8 +161,9 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
         plain = plain if _runs_away_surely(problem, plain.model, rival.innovation) else rival
     if plain.converged and (plain.noise.order == 0 or not filtered):
         return problem.conclude(plain)
-    ends = [problem.descend(start, WHITENED, RENEWALS) for start in [plain.model, *distinct[1:]]]
-    root = _best(ends)
+    starts = [plain.model, *distinct[1:], *(_whitened_start(problem, plain.noise) if afresh else ())]
+    ends = [problem.descend(start, WHITENED, RENEWALS) for start in starts]
+    root = _best(ends, problem.record)
     if root is None:
         return problem.conclude(plain)
     alone = problem.is_stable(plain.model) and not problem.is_stable(root.model)
@@ -167,11 +171,11 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
         # an unstable plant is recorded in feedback only: what comes to the axis has fitted the drift
         starts = [problem.stabilized(end.model) for end in ends if end is not None]
         ends = [problem.descend(start, WHITENED, RENEWALS, stable=True) for start in starts]
-        root = _best([end for end in ends if end is not None and end.converged])
+        root = _best([end for end in ends if end is not None and end.converged], problem.record)
         if root is None:
             return problem.conclude(plain)
     if not root.converged:  # a cost with a bend at the axis takes longer
-        root = _best([root, problem.descend(root.model, WHITENED, RENEWALS)]) or root
+        root = _best([root, problem.descend(root.model, WHITENED, RENEWALS)], problem.record) or root
     if not (plain.converged and problem.is_stable(plain.model)):  # from where the other has come to
         plain = _plain(problem, [plain.model, root.model], stable=problem.is_stable(plain.model))
     estimate, other = problem.conclude(plain), problem.conclude(root)
@@ -180,12 +184,36 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     if not root.converged and plain.converged and problem.is_stable(plain.model):
         return estimate
     chance = chance_of(problem.structure, problem.whole, estimate, other)
+    if chance < FALSE_ALARM and (near := _likelier_near(problem, root, plain)) is not None:
+        estimate = near
+        chance = chance_of(problem.structure, problem.whole, estimate, other)
     if chance >= FALSE_ALARM:
         return other
     if chance >= ALPHA:  # too little to accuse the structure by itself
         chance = chance_of_dynamics(problem.structure, problem.whole, other)
         return other if chance >= FALSE_ALARM else estimate
     return replace(estimate, disagreement=disagreement(problem.structure, problem.whole, estimate, other))
+
+
+def _whitened_start(problem: Problem, noise: Autoregression) -> list[FloatArray]:
+    """Return the likeliest start behind state-variable filters and a noise model; none where there is none."""
+    # the output error tells the starts apart by how well they follow a drift, where that is larger than what u moves
+    tried = [(problem.misfit(problem.run(start)), start) for start in _from_cutoffs(problem, noise)]
+    _, likeliest = min(tried, key=lambda each: each[0], default=(math.inf, None))
+    return [] if likeliest is None else [likeliest]
+
+
+def _likelier_near(problem: Problem, root: Root, plain: Root) -> Refined | None:
+    """Return the least output error near a filtered root, where that is another root, and likelier, than the plain."""
+    # the specification test is about one root: another one, chosen among all, may simulate better by a drift it follows
+    near = problem.polished(root.model, stable=problem.is_stable(plain.model))
+    costs = []
+    for end in (near, plain):
+        problem.noise = end.noise
+        costs.append(problem.misfit(end.done))
+    if not 0.0 < costs[0] < math.inf or 0.5 * problem.record.count * math.log(costs[1] / costs[0]) <= -math.log(ALPHA):
+        return None
+    return problem.conclude(near)
 
 
 def _promising(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = False) -> list[FloatArray]:
@@ -241,7 +269,7 @@ def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None
     for _, model in list(_distinct(sorted(tried, key=lambda outcome: outcome[0])))[:PROMISING]:
         problem.noise = Autoregression.white(1.0, problem.record.u.size)
         ends.append(problem.descend(model, WHITENED, RENEWALS))
-    return _best(ends, referenced=True)
+    return _best(ends)
 
 
 def _distinct(tried: Sequence[tuple[float, FloatArray]]) -> Iterator[tuple[float, FloatArray]]:
@@ -253,17 +281,24 @@ def _distinct(tried: Sequence[tuple[float, FloatArray]]) -> Iterator[tuple[float
             yield cost, model
 
 
-def _best(ends: Sequence[Root | None], *, referenced: bool = False) -> Root | None:
-    """Return the root with the least innovation among those that are not too loud, or with a reference the least J."""
+def _best(ends: Sequence[Root | None], record: Record | None = None) -> Root | None:
+    """Return the root with the least innovation of a record, among those not too loud; by a reference the least J."""
     found = [end for end in ends if end is not None and math.isfinite(end.innovation)]
     if not found:
         return None
     # J tells a model that leaves the output to the autoregression from a right one, however loud its residual is: that
     # of an integrator under a load of its input wanders far
-    if referenced:
+    if record is None:
         return min(found, key=lambda end: end.relative_misfit)
-    limit = LOUD * min(end.done.cost for end in found)
-    found = [end for end in found if end.done.cost <= limit]
-    least = min(end.innovation for end in found)
-    alike = [end for end in found if end.innovation <= (1.0 + AGREE) * least]
+    limit, likeliest = LOUD * min(end.done.cost for end in found), _likeliest(found)
+    # the output is left to the autoregression where the input answers it; in open loop what is loud is a drift
+    if likeliest.done.cost <= limit or not is_answered(record, likeliest.noise, likeliest.done.error):
+        return likeliest
+    return _likeliest([end for end in found if end.done.cost <= limit])
+
+
+def _likeliest(ends: Sequence[Root]) -> Root:
+    """Return the root with the least innovation, one that has converged if there is one alike."""
+    least = min(end.innovation for end in ends)
+    alike = [end for end in ends if end.innovation <= (1.0 + AGREE) * least]
     return min(alike, key=lambda end: (not end.converged, end.innovation))

@@ -122,8 +122,9 @@ class Problem:
         a = np.asarray(np.poly(np.full(n, -cutoff))[1:], np.float64)
         # without a numerator the model's output is no guess of outputs that were not measured: those that were, are
         done = self.run(np.concatenate([a, np.zeros(self._model.entries - n)]), filled=False)
-        zeta = done.phi if self.projection is None or not by_reference else done.zeta
-        found = solve(products(zeta, done.phi), products(zeta, done.target))
+        phi = self.whiten(done.phi)
+        zeta = phi if self.projection is None or not by_reference else self.whiten(done.zeta)
+        found = solve(products(zeta, phi), products(zeta, self.whiten(done.target)))
         return None if found is None else self.bounded(found)
 
     def with_nuisances(self, model: FloatArray) -> FloatArray:
