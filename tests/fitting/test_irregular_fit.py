@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import replant as rp
 from replant.estimation.engine.record import MOST_GAPS, Record, gaps_of
@@ -173,6 +174,58 @@ def test_a_stamp_that_does_not_increase_is_named(row: int, stamp: float) -> None
     t[row] = stamp
     with pytest.raises(rp.InvalidArgumentError, match=rf"t must be finite and strictly increasing; t\[{row}\]"):
         rp.fit(np.ones(100), np.ones(100), DT, STRUCTURE, t=t)
+
+
+def days(seed: int, changes: float, count: int = 2, samples: int = 1500, pole: float = 0.0) -> tuple[np.ndarray, ...]:
+    """So many days of 2/(60 s + 1), sampled each 2 s; the zero of the output is another one every day."""
+    rng, plant, parts = np.random.default_rng([seed, 47]), rp.TransferFunction([2.0 / 60.0], [1.0, 1.0 / 60.0]), []
+    for day in range(count):
+        u = rng.uniform(-1.0, 1.0, samples // 50).repeat(50)
+        noise = lfilter([0.02], [1.0, -pole], rng.standard_normal(u.size))
+        y = plant.simulate(u, 2.0) + noise + 20.0 + changes * day
+        parts.append((u, y, 86400.0 * day + 2.0 * np.arange(u.size)))
+    u, y, t = (np.concatenate(signals) for signals in zip(*parts, strict=True))
+    return u, y, t
+
+
+@pytest.mark.parametrize("changes", [5.0, 0.02])
+@every("seed", range(4), quick=2)
+def test_a_load_may_begin_in_a_gap(changes: float, seed: int) -> None:
+    u, y, t = days(seed, changes)
+    found = rp.fit(u, y, 2.0, poles=1, t=t)
+    assert found.loads.tolist() == [1500]
+    assert found.parameters == pytest.approx([1.0 / 60.0, 2.0 / 60.0], rel=0.02)
+    assert found.verdict.status == "trusted"
+    assert any(reason.startswith("another load acts since 86,400 s") for reason in found.verdict.reasons)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.98])
+@every("seed", range(4), quick=2)
+def test_a_gap_is_no_load_by_itself(pole: float, seed: int) -> None:
+    u, y, t = days(seed, 0.0, pole=pole)
+    found = rp.fit(u, y, 2.0, poles=1, t=t)
+    assert not found.loads.size
+    assert found.rival is None
+    assert found.verdict.status == "trusted"
+
+
+@every("seed", range(3), quick=1)
+def test_of_several_gaps_each_is_asked(seed: int) -> None:
+    u, y, t = days(seed, 0.0, count=7, samples=300)
+    changed = np.where(t >= 4 * 86400.0, y + 1.0, y)
+    for output, loads in ((y, []), (changed, [1200])):
+        found = rp.fit(u, output, 2.0, poles=1, t=t)
+        assert found.loads.tolist() == loads
+        # gaps are no slow clock, by which the pole would be too fast
+        assert found.parameters == pytest.approx([1.0 / 60.0, 2.0 / 60.0], rel=0.02)
+        assert found.verdict.status == "trusted"
+
+
+def test_the_interval_of_a_record_is_that_of_its_stretches() -> None:
+    steps = np.ones(40)
+    steps[[10, 30]] = 1e4
+    assert Record(steps, steps, steps, usual=1.0).dt == 1.0
+    assert Record(steps, steps, steps).dt > 500.0  # on another clock nothing is a gap
 
 
 def test_a_gap_is_longer_than_what_is_usual_beside_it() -> None:

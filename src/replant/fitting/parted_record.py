@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cache, partial
@@ -10,8 +11,17 @@ from typing import NamedTuple
 
 from replant.estimation.simulation.miso import Row, RowRecord
 from replant.estimation.solver.change_contest import outputs_differ
-from replant.estimation.solver.miso_change import Change, Judge
-from replant.estimation.solver.record_changes import Modelled, Parted, find_plant_change, may_have_loads, parted
+from replant.estimation.solver.levels_at_gaps import cost_beside, loads_at_gaps, price
+from replant.estimation.solver.miso_change import Change, Judge, worth_of_lags
+from replant.estimation.solver.record_changes import (
+    Modelled,
+    Parted,
+    find_plant_change,
+    is_sure,
+    may_have_loads,
+    parted,
+    settled,
+)
 from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.miso_solve import RowSolution, solve_with
@@ -77,6 +87,72 @@ def solve_parted(
     others: Iterable[FloatArray] = (),
 ) -> Parted[Solution | None]:
     """Return a record of one input parted at its loads; ``whole`` is its solution without them."""
+    others = list(others)
+    at_gaps = _parted_at_gaps(structure, whole, with_loads, others)
+    if at_gaps is None:
+        return _parted_within(structure, whole, with_loads, others)
+    found = _parted_within(
+        structure, at_gaps.solution, lambda loads: with_loads(tuple(sorted({*at_gaps.loads, *loads}))), others
+    )
+    suspected, loads = (tuple(sorted({*at_gaps.loads, *more})) for more in (found.suspected, found.loads))
+    return Parted(found.solution, suspected, loads, at_gaps.is_sure and found.is_sure)
+
+
+def _parted_at_gaps(
+    structure: Structure,
+    whole: Solution,
+    with_loads: Callable[[tuple[int, ...]], Solution | None],
+    others: Iterable[FloatArray],
+) -> Parted[Solution] | None:
+    """Return a record parted at the gaps over which its level has changed; None where that is no likelier."""
+    record, size = whole.record, structure.coefficients
+    gaps = tuple(rows.start for rows in record.parts[1:] if rows.start not in record.begins)
+    if not gaps or structure.bias:  # the offset is a parameter then
+        return None
+    row, loads = Row.of_one(structure, record), tuple[int, ...]()
+    for theta in itertools.chain([whole.found.theta], others, _of_parts(structure, whole, gaps, with_loads)):
+        # steps of a row, whose parts have offsets of their own, lead a model away from what a level has made of it
+        loads = loads_at_gaps(structure, record, *settled(row, *Judge.of(row, theta[:size])))
+        if loads:
+            break
+    found = with_loads(loads) if loads else None
+    if found is None:
+        return None
+    cost, usual = (
+        cost_beside(structure, record, each.found.theta, each.found.noise_model, begins)
+        for each, begins in ((found, loads), (whole, ()))
+    )
+    if not (0.0 < cost < math.inf and 0.0 < usual < math.inf):
+        return None
+    cost *= worth_of_lags(row, found.found.noise_model, whole.found.noise_model)
+    more, least = 0.5 * record.count * math.log(usual / cost), len(loads) * price(record.count)
+    model = _model_of(structure, found)
+    if more <= least or model is None:
+        return None
+    return Parted(found, loads, loads, is_sure(*model, more, least))
+
+
+def _of_parts(
+    structure: Structure,
+    whole: Solution,
+    gaps: tuple[int, ...],
+    with_loads: Callable[[tuple[int, ...]], Solution | None],
+) -> Iterator[FloatArray]:
+    """Yield the model (T,) beside another load since each gap of a record too short for the model of all of it."""
+    if _is_long(structure, whole):
+        return
+    found = with_loads(gaps)
+    if found is not None:
+        yield found.found.theta
+
+
+def _parted_within(
+    structure: Structure,
+    whole: Solution,
+    with_loads: Callable[[tuple[int, ...]], Solution | None],
+    others: Iterable[FloatArray],
+) -> Parted[Solution | None]:
+    """Return a record parted at the loads that begin within its stretches."""
     row = Row.of_one(structure, whole.record)
     # a slow pole may have followed a load and left nothing of it: then other models (T,), or of the halves, tell of it
     for theta in itertools.chain([whole.found.theta], others, _of_halves(structure, whole)):
@@ -88,14 +164,19 @@ def solve_parted(
 
 def _of_halves(structure: Structure, whole: Solution) -> Iterator[FloatArray]:
     """Yield the models (T,) of both halves of a record that is too short for a pole of its model, or of its noise."""
-    g, noise = structure.transfer_function(whole.found.theta[: structure.size]), whole.found.noise_model.coefficients
-    if has_rest(g, whole.record.span) and whole.record.count > FEW * duration_of(noise):
+    if _is_long(structure, whole):
         return
     samples = whole.record.u.size
     for rows in (slice(0, samples // 2), slice(samples // 2, samples)):
         found = solve(structure, whole.record.part(rows))
         if found is not None:
             yield found.found.theta
+
+
+def _is_long(structure: Structure, whole: Solution) -> bool:
+    """Return whether a record is long beside the poles of its model, and of its noise."""
+    g, noise = structure.transfer_function(whole.found.theta[: structure.size]), whole.found.noise_model.coefficients
+    return has_rest(g, whole.record.span) and whole.record.count > FEW * duration_of(noise)
 
 
 def plant_changes(structure: Structure, parted: Solution) -> bool:

@@ -242,10 +242,13 @@ class Record:
             return float(self.intervals[0]) * (self.u.size - 1)
         return float(self.intervals[1:].sum())
 
-    @property
+    @cached_property
     def dt(self) -> float:
-        """Mean interval in s."""
-        return self.span / (self.u.size - 1)
+        """Mean interval in s, gaps left out."""
+        if not math.isfinite(self.usual) or len(self.parts) == 1:
+            return self.span / (self.u.size - 1)
+        within = [self.intervals[rows][1:] for rows in self.parts]
+        return float(np.concatenate(within).mean()) if any(each.size for each in within) else self.usual
 
 
 def _slices(begins: Sequence[int], end: int) -> list[slice]:

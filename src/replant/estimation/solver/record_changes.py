@@ -94,19 +94,23 @@ def parted(
     if kept and model is not None:
         more, least = _explained(model, first, kept)
         if more > least:
-            differently, numbers = dispersion(*model)
-            is_sure = math.isfinite(numbers) and weighed(more, differently, numbers) > least
-            return Parted(found, loads, kept, is_sure)
+            return Parted(found, loads, kept, is_sure(*model, more, least))
     return Parted(whole, loads)
+
+
+def is_sure(row: Row, judge: Judge, more: float, least: float) -> bool:
+    """Return whether a parted row is also likelier beside how differently its model fits each stretch."""
+    differently, numbers = dispersion(row, judge)
+    return math.isfinite(numbers) and weighed(more, differently, numbers) > least
 
 
 def _begun_at(model: Modelled, loads: tuple[int, ...]) -> Modelled:
     """Return the model that steps from another one lead to with loads, and the noise that it leaves."""
     row = _with_loads(model.row, loads)
-    return Modelled(row, _settled(row, *model.judge))
+    return Modelled(row, settled(row, *model.judge))
 
 
-def _settled(row: Row, theta: FloatArray, noise: Autoregression) -> Judge:
+def settled(row: Row, theta: FloatArray, noise: Autoregression) -> Judge:
     """Return the model that steps from another one lead to, with the noise that it leaves."""
     for _ in range(2):
         point = refine(row, theta, noise)
@@ -202,4 +206,4 @@ def _judges(stretch: Row, theta: FloatArray, noise: Autoregression) -> Iterator[
     for number in range(PARTS):
         part = stretch.part(slice(number * samples // PARTS, (number + 1) * samples // PARTS))
         if part.count > 4 * (part.nuisances + theta.size):
-            yield _settled(part, theta, noise)
+            yield settled(part, theta, noise)
