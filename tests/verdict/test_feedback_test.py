@@ -53,6 +53,7 @@ def test_in_closed_loop_it_is_found(colour: float, integral: float) -> None:
         noise = 0.1 * coloured(seed, SAMPLES, colour)
         loop = controlled(G1, steps(seed, SAMPLES), noise, gain=2.0, integral=integral)
         assert answer_to(loop.y, loop.u).found
+        assert not answer_to(loop.y, loop.u).is_direct(rp.Structure(1), TRUE)
         assert not answer_to(loop.y, loop.u, x=loop.r).found  # the reference answers nothing
 
 
@@ -63,6 +64,8 @@ def test_a_direct_path_that_the_model_lacks_looks_like_an_answer_at_once() -> No
     assert found.found
     assert found.is_at_once
     assert not answer_to(y, u, np.array([0.5, 0.2, 1.35]), direct=True).found
+    assert found.is_direct(rp.Structure(1), TRUE)
+    assert not found.is_direct(rp.Structure(1), np.array([0.5, -1.25]))  # a controller's, of a plant of the other sign
 
 
 def test_where_nothing_can_be_told_nothing_is_found() -> None:

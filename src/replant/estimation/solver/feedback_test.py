@@ -31,6 +31,7 @@ from functools import lru_cache
 import numpy as np
 
 from replant.estimation.simulation.fitted_run import triangle_of
+from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import combined, inner, least_norm, products, pseudo_inverse, quiet, sum_of_squares
@@ -76,6 +77,15 @@ class Feedback:
     def is_at_once(self) -> bool:
         """Whether it answers the residual of the same sample alone, as a direct path of the plant would seem to."""
         return self.found and not self.later < ALPHA
+
+    def is_direct(self, structure: Structure, model: FloatArray) -> bool:
+        """Return whether input and residual of the same sample move together as a plant's output follows its input."""
+        from scipy import special  # slow to import
+
+        # a controller opposes a disturbance; what the plant does faster than the model moves the residual along with
+        # the input, by the sign of the model's first and last answer to a step, where these agree
+        first, last = model[structure.poles], model[structure.coefficients - 1] * model[structure.poles - 1]
+        return bool(first * last > 0.0) and float(special.ndtr(-self.at_once * np.sign(first))) < ALPHA
 
 
 @quiet

@@ -53,7 +53,6 @@ from replant.estimation.solver.refined_estimate import Refined
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import combined, inner, products, pseudo_inverse, quiet, sum_of_squares
 from replant.numerics.projections import lengths_of, orthogonal, without
 from replant.numerics.score_test import Residual
@@ -84,8 +83,8 @@ def chance_of(structure: Structure, record: Record, plain: Refined, filtered: Re
     noise = filtered.noise_model
     whole = _whole(record, noise.order)
     if away[1]:  # a plant that is not stable is in feedback; there is no simulated error to compare
-        at_once = _answering(record, plain.noise_model, run_p.error).at_once  # by a plant that is faster than the model
-        return float(is_answered(record, noise, run_f.error) and not _is_direct(structure, plain.theta, at_once))
+        at_once = _answering(record, plain.noise_model, run_p.error)  # by a plant that is faster than the model
+        return float(is_answered(record, noise, run_f.error) and not at_once.is_direct(structure, plain.theta))
     statistic, degrees, ordinates = hausman(run_p, run_f, noise, whole)
     chance = _chance(statistic, degrees, ordinates)
     if chance >= FALSE_ALARM:
@@ -103,7 +102,7 @@ def chance_of_dynamics(structure: Structure, record: Record, filtered: Refined) 
     noise = filtered.noise_model
     columns = run.dynamics(slice(None), record.dt, record.span, feedback=True)
     answer = _answering(record, noise, run.error)
-    if not answer.found or _is_direct(structure, filtered.theta, answer.at_once):  # what acts at once is the plant's
+    if not answer.found or answer.is_direct(structure, filtered.theta):  # what acts at once is the plant's
         columns = np.column_stack([columns, run.u])
     used, known = record.predecessors >= noise.order, np.hstack([run.zeta, run.nuisances])
     return Residual.of(run.error, known, record.predecessors, used, noise).explained(columns).chance
@@ -166,7 +165,7 @@ def _share_of_feedback(
 
     u, w = record.u - record.u.mean(), estimates[1].noise_model.ahead(runs[1].error) * whole
     feedback = answering(u, w, record.inputs_before)
-    if not feedback.found or _is_direct(structure, estimates[1].theta, feedback.at_once):
+    if not feedback.found or feedback.is_direct(structure, estimates[1].theta):
         return 1.0
     rest = dataclasses.replace(record, u=u - part_answering(u, w, record.inputs_before))
     purged = [run_model(structure, one.theta[: structure.size], rest, record.dt) for one in estimates]
@@ -187,16 +186,6 @@ def _score(signal: FloatArray, error: FloatArray, run: ModelRun) -> float:
     level = max(float(power.max()), np.finfo(float).tiny)  # no product of squares leaves float64
     variance = inner(np.abs(np.fft.rfft(unit, _length(unit))) ** 2, power / level)
     return inner(unit, error) / math.sqrt(level) / math.sqrt(max(variance, np.finfo(float).tiny))
-
-
-def _is_direct(structure: Structure, model: FloatArray, at_once: float) -> bool:
-    """Return whether input and residual of the same sample move together as the plant's output follows its input."""
-    from scipy import special  # slow to import
-
-    # a controller opposes a disturbance; what the plant does faster than the model moves the residual along with the
-    # input, by the sign of the model's first and last answer to a step, where these agree
-    first, last = model[structure.poles], model[structure.coefficients - 1] * model[structure.poles - 1]
-    return bool(first * last > 0.0) and float(special.ndtr(-at_once * np.sign(first))) < ALPHA
 
 
 def is_answered(record: Record, noise: Autoregression, error: FloatArray) -> bool:
