@@ -284,6 +284,10 @@ PAIRS: dict[str, Pair] = {
         lambda: fit(noise(3), out(noise(3)) + 0.5 * noise(3)),
         lambda: of_loop(opened()),
     ),
+    "along with it, where a controller opposes it": (
+        lambda: fit(noise(3), out(noise(3)) + 0.5 * noise(3)),
+        lambda: fit(noise(3), out(noise(3)) - 0.5 * noise(3)),
+    ),
     "the reference stands still": (
         lambda: of_loop(loop(4), np.ones(SAMPLES)),
         lambda: of_loop(loop(4), loop(4).r),

@@ -8,6 +8,7 @@ import pytest
 import replant as rp
 from replant.signals import multisine, random_steps
 from support.cases import every
+from support.loops import steps
 
 PLANT, STRUCTURE = rp.TransferFunction([2.0, 6.0], [1.0, 1.0, 9.0]), rp.Structure(2, 1)
 SAMPLES = 6000
@@ -139,3 +140,60 @@ def test_a_smooth_input_is_found_out_though_a_zero_has_made_up_for_it(seed: int)
     for hold in ("foh", "zoh"):
         found = rp.fit(u, y, dt, poles=2, zeros=1, filter=rp.RefinedFilter(input_hold=hold)).verdict
         assert any("run straight between its samples" in reason for reason in found.reasons) == (hold == "zoh")
+
+
+LAG, LAG_DT = rp.TransferFunction([2.0], [0.3, 1.0]), 0.05  # a0 is 3.33
+
+
+def at_once(seed: int, *, early: int = 0, part: float = 0.0) -> rp.Assessment:
+    """The verdict on a first-order lag whose outputs come some rows early, or with a part of the input at once."""
+    u = random_steps(3000, shortest=20, longest=80, low=-1.0, high=1.0, seed=seed)
+    y = LAG.simulate(u, LAG_DT) + part * u
+    y = np.append(y[early:], np.full(early, y[-1])) + 0.02 * np.random.default_rng(seed).standard_normal(u.size)
+    return rp.fit(u, y, LAG_DT, poles=1).verdict
+
+
+@every("seed", range(8), quick=3)
+def test_an_output_from_after_its_input_has_acted_is_not_trusted(seed: int) -> None:
+    """A coefficient is 20 % off, 24 standard deviations; what the input could still explain is .01 % of the power."""
+    found = at_once(seed, early=1)
+    assert found.status == "inconsistent", found.reasons
+    assert "of the same sample, along with it" in found.reasons[0]
+    assert not any("the loop is closed" in reason for reason in found.reasons)
+    (reason,) = [reason for reason in found.reasons if "s before its row" in reason]
+    assert float(reason.split("a coefficient differs by ")[1].split()[0]) == pytest.approx(20.0, abs=3.0)
+
+
+@every("seed", range(6), quick=2)
+def test_a_direct_path_matters_by_what_it_makes_of_the_coefficients(seed: int) -> None:
+    """Of .5 a coefficient is 40 % off, of .02 3.5 %."""
+    assert at_once(seed, part=0.5).status == "inconsistent"
+    assert at_once(seed, part=0.02).status == "trusted"
+    assert at_once(seed).status == "trusted"
+
+
+def late_loop(seed: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """1/(s + .5) behind a dead time of some rows of .1 s, under a PI controller: input, output and reference."""
+    r, noise = steps(seed, 3000, 60), 0.02 * np.random.default_rng(seed).standard_normal(3000)
+    decay, x, integral = np.exp(-0.05), 0.0, 0.0
+    u, y = np.zeros(r.size + rows), np.empty(r.size)  # of u the newest row is the last, so that the plant sees u[k]
+    for k in range(r.size):
+        y[k] = x + noise[k]
+        integral += 0.1 * (r[k] - y[k])
+        u[k + rows] = 2.0 * (r[k] - y[k]) + integral
+        x = decay * x + (1.0 - decay) * 2.0 * u[k]
+    return u[rows:], y, r
+
+
+@every("with_reference", [True, False])
+@every("seed", range(6), quick=2)
+def test_a_dead_time_is_missed_in_a_loop_as_in_open_loop(seed: int, with_reference: bool) -> None:
+    """With its reference or without: coefficients are 6 to 8 % low, ten standard deviations."""
+    u, y, r = late_loop(seed, rows=1)
+    for delay, status in ((0.0, "inconsistent"), (0.1, "trusted")):
+        found = rp.fit(u, y, 0.1, poles=1, delay=delay, reference=r if with_reference else None).verdict
+        assert found.status == status, found.reasons
+        said = [reason for reason in found.reasons if LATE in reason]
+        assert len(said) == (delay == 0.0), found.reasons
+        for reason in said:
+            assert float(reason.split("with a dead time of ")[1].split()[0]) == pytest.approx(0.1, abs=0.02)

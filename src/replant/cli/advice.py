@@ -215,7 +215,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"have a gap every", _without_stamps),
     (r"the actuator seems", _look),
     (r"run straight between|runs straight between", _straight),
-    (r"before its row", _rows),
+    (r"before its row|where a controller opposes it", _rows),
     (r"than the model says", _dead_time),
     (r"the initial state takes a part", _at_rest),
     (

@@ -7,11 +7,15 @@
 | it has play or friction | B/A of the play of v, of two widths: it depends on where the input came from |
 | the input runs straight between its samples | the output with such an input, less that with a held one |
 | the input acts later or earlier | the derivative of the output by the dead time |
+| the input acts on its own row | the input |
 
 A linear model is right behind a curve only as far as that is straight.  What other dynamics could explain is taken away
 first: it is then the model that is wrong.  An input of two levels cannot tell: all curves through two points are
 straight lines.  A signal that was sampled, such as a measured voltage, runs on between its samples; one that a computer
 puts out is held.  Taken as held, a smooth input acts half a sample late, and the coefficients make up for that.
+
+With a reference the last two are made of what that explains of the input, beside the slopes made of the same: a part of
+the residual that it explains is no answer of a controller.  In feedback without one they are made of the past alone.
 
 Sources: Davidson and MacKinnon (1981), "Several tests for model specification in the presence of alternative
 hypotheses", Econometrica 49 (held or straight); Ljung (1999), "System Identification: Theory for the User", section 5.2
@@ -23,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,7 +39,14 @@ from replant.numerics.projections import without
 from replant.numerics.score_test import Explained
 from replant.verdict.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.residual_tests import dynamics, power_of, residual_of, unexplained
+from replant.verdict.residual_tests import (
+    Loop,
+    dynamics,
+    power_of,
+    residual_of,
+    unexplained,
+    unexplained_by_reference,
+)
 from replant.verdict.verdict import Finding, percent
 
 WIDTHS = (0.2, 0.5)  # half widths of plays: two explain most of any between 0.1 and 0.7 [part of the largest input]
@@ -44,6 +55,10 @@ SMOOTH = 1.5  # of second over first differences: 2 of single steps, 3 of noise,
 # midway between half a sample, which an input that runs straight seems to act early, and a whole one
 EARLY = 0.75  # time before its row from which on an input acts too early for any model [sampling times]
 TOO_EARLY = "move the output's column down by as much, or ask for as many zeros as poles and a direct path"
+ALONG = (
+    "the input answers the residual of the same sample, along with it, where a controller opposes it: the plant has a "
+    "direct path, or the output of a row is recorded after its input has acted"
+)
 ADVICE = "stay where it is straight, or map the input by its curve"
 SATURATES, DEAD = f"the actuator seems to saturate ({ADVICE})", f"the actuator seems to have a dead zone ({ADVICE})"
 LOPSIDED = f"the actuator seems to have another gain in the other direction ({ADVICE})"
@@ -97,43 +112,112 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     return [Finding(status, f'{reason} {percent(size)}: use --input-hold foh, or RefinedFilter("foh")')]
 
 
-def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained) -> list[Finding]:
+def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained, loop: Loop) -> list[Finding]:
     """Say where another dead time would explain most of ``part``, what other dynamics could, and what that changes."""
-    run, rows = runs.now, evidence.known
-    power = power_of(evidence, evidence.record.y[rows])
-    later = _later(evidence, run.forced)[rows, None]
-    residual = residual_of(evidence, run.error[rows], np.hstack([run.zeta[rows], run.nuisances[rows]]))
-    found = residual.explained(later)
-    off = float(found.weights[0]) * evidence.dt
-    delay = evidence.structure.delay + off
-    if not (found.is_sure and found.power > NEGLIGIBLE * power):
+    acting = Acting.of(evidence, runs, loop)
+    later = _later(evidence, acting.output, past=loop.feedback.found and loop.reference is None)[evidence.known, None]
+    told = acting.told(later)
+    if told is None:
         return []
+    off = told.weight * evidence.dt
+    delay = evidence.structure.delay + off
     # a pole too few looks like a dead time, too, but leaves more for other dynamics to explain
-    left = unexplained(evidence, runs, known=later)
+    if loop.reference is None:
+        left = unexplained(evidence, runs, feedback=loop.feedback.found, known=later)
+    else:
+        left = unexplained_by_reference(evidence, runs.now, loop.reference, np.hstack([acting.known, later]))
     if left.is_sure and (left.is_large or left.power > 0.5 * part.power):
         return []
-    step = -residual.weights_of(later)[: evidence.coefficients, 0] * found.weights[0]
-    size = runs.size(step, Speeds.of(evidence, closed=False).poles)
-    status = "inconsistent" if size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
+    status = "inconsistent" if told.size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
     if delay <= -EARLY * evidence.dt:
-        reason = f"the input seems to act {-delay:.2g} s before its row: a coefficient differs by {percent(size)}"
+        reason = f"the input seems to act {-delay:.2g} s before its row: a coefficient differs by {percent(told.size)}"
         return [Finding(status, f"{reason}: {TOO_EARLY}")]
     # in as many digits as tell it from the one given
     wanted = round(max(delay, 0.0), max(1 - math.floor(math.log10(abs(off))), 0))
     if wanted == evidence.structure.delay:  # no dead time is shorter than none
         return []
     reason = f"the input seems to act {abs(off):.2g} s {'later' if off > 0.0 else 'earlier'} than the model says"
-    return [Finding(status, f"{reason}: with a dead time of {wanted:g} s a coefficient differs by {percent(size)}")]
+    reason += f": with a dead time of {wanted:g} s a coefficient differs by {percent(told.size)}"
+    return [Finding(status, reason)]
 
 
-def _later(evidence: Evidence, output: FloatArray) -> FloatArray:
-    """Return by how much a model's output (K,) changes where it comes a sampling time later, to first order."""
+def direct_findings(evidence: Evidence, runs: Runs, loop: Loop) -> list[Finding]:
+    """Say where the input acts on the output of its own row, as no controller would, and what that changes."""
+    if not loop.is_direct:
+        return []
+    acting = Acting.of(evidence, runs, loop)
+    told = acting.told(acting.input[evidence.known, None])
+    if told is None:
+        return [Finding("trusted", ALONG)]
+    status = "inconsistent" if told.size > FARTHEST else "trusted"
+    advice = "ask for as many zeros as poles, or move the output's column down by one"
+    return [Finding(status, f"{ALONG}; with a direct path a coefficient differs by {percent(told.size)}: {advice}")]
+
+
+@dataclass(frozen=True)
+class Told:
+    """A signal that acts on the output beside the model."""
+
+    weight: float  # of it
+    size: float  # by how much a coefficient differs, as a part of it
+
+
+@dataclass(frozen=True, eq=False)
+class Acting:
+    """What acts on the output, the input or, with a reference, what that explains of it, and the tests of it."""
+
+    evidence: Evidence
+    runs: Runs
+    loop: Loop
+    input: FloatArray  # (K,)
+    output: FloatArray  # (K,): what the model makes of it
+    slopes: FloatArray  # (K, n + m + 1)
+
+    @classmethod
+    def of(cls, evidence: Evidence, runs: Runs, loop: Loop) -> Acting:
+        """Return what acts."""
+        run, reference = runs.now, loop.reference
+        if reference is None or run.instruments is None:
+            return cls(evidence, runs, loop, run.u, run.forced, run.zeta)
+        b = evidence.structure.numerator
+        output = combined(run.instruments[:, b], evidence.estimate[b])
+        return cls(evidence, runs, loop, reference.input, output, run.instruments)
+
+    @property
+    def known(self) -> FloatArray:
+        """The known columns (J, N) of the samples that the estimate should explain."""
+        rows = self.evidence.known
+        return np.hstack([self.slopes[rows], self.runs.now.nuisances[rows]])
+
+    def told(self, column: FloatArray) -> Told | None:
+        """Return what a column (J, 1) beside the model changes; None where it explains nothing to speak of."""
+        evidence, reference = self.evidence, self.loop.reference
+        residual = residual_of(evidence, self.runs.now.error[evidence.known], self.known)
+        found = residual.explained(column)
+        made = (evidence.record.y if reference is None else reference.output)[evidence.known]
+        if not (found.is_sure and found.power > NEGLIGIBLE * power_of(evidence, made)):
+            return None
+        step = -residual.weights_of(column)[: evidence.coefficients, 0] * found.weights[0]
+        by_reference = None if reference is None else reference.output
+        speeds = Speeds.of(evidence, self.loop.is_closed, by_reference).poles
+        return Told(float(found.weights[0]), self.runs.size(step, speeds))
+
+
+def _later(evidence: Evidence, output: FloatArray, *, past: bool) -> FloatArray:
+    """Return by how much a model's output (K,) changes where it comes a sampling time later, to first order.
+
+    In feedback what comes after a sample answers its noise: the change is then that since the sample before.
+    """
     record = evidence.record
     times = np.cumsum(record.intervals) if record.intervals.size > 1 else record.dt * np.arange(output.size)
     later = np.zeros(output.size)
     for rows in record.parts:
         if len(range(*rows.indices(output.size))) > 1:
-            later[rows] = -evidence.dt * np.gradient(output[rows], times[rows])
+            steps = np.gradient(output[rows], times[rows])
+            if past:
+                steps[1:] = np.diff(output[rows]) / np.diff(times[rows])
+                steps[0] = 0.0
+            later[rows] = -evidence.dt * steps
     return later
 
 

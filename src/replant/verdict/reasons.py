@@ -45,7 +45,7 @@ from replant.verdict.evidence import (
     is_constant,
     is_copy,
 )
-from replant.verdict.input_faults import actuator_findings, dead_time_findings, hold_findings
+from replant.verdict.input_faults import actuator_findings, dead_time_findings, direct_findings, hold_findings
 from replant.verdict.residual_tests import (
     COLOURED,
     Loop,
@@ -225,7 +225,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         model = [Finding(max(found.status, "converging", key=STATUSES.index), found.reason) for found in model]
     held = [] if loop.reference is not None else hold_findings(evidence, runs)
     # an input that acts half a sample earlier than it was taken to act seems to answer the residual
-    return (held or loop.findings) + model + certainty.findings
+    return (held or loop.findings + direct_findings(evidence, runs, loop)) + model + certainty.findings
 
 
 def _disagreement(size: float) -> list[Finding]:
@@ -280,7 +280,7 @@ def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -
     else:
         part, source = unexplained(evidence, runs, feedback=closed), "input"
     figures |= {"explained": part.power, "explained_limit": part.statistic}
-    late = [] if loop.is_closed else dead_time_findings(evidence, runs, part)
+    late = dead_time_findings(evidence, runs, part, loop)
     if late:
         return late
     if not part.is_sure or part.power < NEGLIGIBLE:

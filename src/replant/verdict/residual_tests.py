@@ -196,14 +196,19 @@ class Reference:
         return 100.0 * (1.0 - left / made) if made > 0.0 else float("nan")
 
 
-def unexplained_by_reference(evidence: Evidence, run: ModelRun, reference: Reference) -> Explained:
-    """Return what a reference could explain by its states and powers, as part of the power it makes of the output."""
+def unexplained_by_reference(
+    evidence: Evidence, run: ModelRun, reference: Reference, known: FloatArray | None = None
+) -> Explained:
+    """Return what a reference could explain by its states and powers, as part of the power it makes of the output.
+
+    What is known beside them, (K, N), stands in place of what the estimate has spent.
+    """
     rows = evidence.known
     error = run.error[rows]
     # the powers are what a nonlinear plant leaves
     columns = np.column_stack([reference.states, reference.output**2, reference.output**3])[rows]
-    residual = residual_of(evidence, error, np.zeros((error.size, 0)))
-    found = residual.explained(columns, evidence.coefficients if evidence.in_sample else 0)
+    residual = residual_of(evidence, error, np.zeros((error.size, 0)) if known is None else known)
+    found = residual.explained(columns, evidence.coefficients if evidence.in_sample and known is None else 0)
     return found.of_output(reference.output[rows], error, evidence.used[rows])
 
 
@@ -214,6 +219,7 @@ class Loop:
     feedback: Feedback  # how the input answers the residual
     reference: Reference | None  # None where there is none, or it is of no use
     findings: list[Finding]
+    is_direct: bool = False  # whether what answers, at once, is the plant, or the recorder, and no controller
 
     @property
     def is_closed(self) -> bool:
@@ -232,6 +238,9 @@ class Loop:
             reference = None
         elif follows:  # a copy of the input
             findings = [Finding("inconsistent", f"{doubt.reason}: {REMEDY}") for doubt in findings]
+        is_direct = feedback.is_at_once and feedback.is_direct(evidence.structure, evidence.estimate)
+        if is_direct:
+            feedback = Feedback()
         pole = evidence.unstable_pole if feedback.found else evidence.diverging_pole
         if pole > 0.0 and reference is None:
             run = f"simulated from the input alone, the model diverges (a pole at {pole:+.3g} rad/s)"
@@ -241,4 +250,4 @@ class Loop:
             findings.append(Finding("inconsistent", AT_ONCE if feedback.is_at_once else COLOURED))
         elif feedback.found:
             findings.append(Finding("trusted", AT_ONCE if feedback.is_at_once else CLOSED))
-        return cls(feedback, reference, findings)
+        return cls(feedback, reference, findings, is_direct)
