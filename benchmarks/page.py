@@ -194,8 +194,9 @@ def ensembles(figures: Figures) -> str:
     default = (
         f"\n{found['members']} members of the default method, on one thread: {found['between_reviews']:.1f} times the "
         f"samples of one identifier between two reviews of the record, {found['with_reviews']:.1f} times with these, "
-        f"which every member makes by itself. Two threads take {found['two_threads']:.2f} times as many as one, two "
-        f"processes that have nothing in common {found['two_processes']:.2f} times; "
+        f"which every member makes by itself. Two threads take {found['two_threads']:.2f} times as many as one with "
+        f"these and {found['two_threads_between']:.2f} times between them, two processes that have nothing in common "
+        f"{found['two_processes']:.2f} times; "
         f"efficiency {found['efficiency']:.2f}.\n"
     )
     return text + alone + explained + table(head, several) + default
