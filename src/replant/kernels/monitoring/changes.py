@@ -1,6 +1,6 @@
 """How much better another model fits since each of some samples, see `replant.estimation.solver.change_search`."""
 
-from replant.kernels.native import Cube, Matrix, Reals, kernel
+from replant.kernels.native import Cube, Matrix, Reals, inlined, kernel
 
 # some hundred thousand times float64's precision, as sums of squares have half the digits
 SAME = 1e-9  # power that others leave of a column since some sample, below which it tells nothing [part of all of it]
@@ -16,6 +16,12 @@ def eliminate(matrix, j, least):
         for k in range(j, rows + 1):
             matrix[i, k] -= part * matrix[j, k]
     return True
+
+
+@inlined
+def place(i, size, T):
+    """Return which of T columns is the i-th where the first ``size`` go last."""
+    return size + i if size + i < T else size + i - T
 
 
 @kernel(
@@ -36,13 +42,21 @@ def since_each(sums: Cube, size: int, statistics: Reals, matrix: Matrix):
     """
     T = sums.shape[1] - 1
     for b in range(statistics.size):
-        for i in range(2 * T):
-            row = (size + i) % T
-            for j in range(2 * T):
-                matrix[i, j] = sums[0 if i < T and j < T else b + 1, row, (size + j) % T]
-            matrix[i, 2 * T] = sums[0 if i < T else b + 1, row, T]
+        for i in range(T):
+            row = place(i, size, T)
+            for j in range(T):
+                column = place(j, size, T)
+                matrix[i, j] = sums[0, row, column]
+                matrix[i, T + j] = sums[b + 1, row, column]
+                matrix[T + i, j] = sums[b + 1, row, column]
+                matrix[T + i, T + j] = sums[b + 1, row, column]
+            matrix[i, 2 * T] = sums[0, row, T]
+            matrix[T + i, 2 * T] = sums[b + 1, row, T]
         statistics[b] = 0.0
-        for j in range(2 * T):
-            row = (size + j) % T
-            if eliminate(matrix, j, SAME * sums[0, row, row]) and j >= 2 * T - size:
+        for i in range(T):
+            row = place(i, size, T)
+            eliminate(matrix, i, SAME * sums[0, row, row])
+        for i in range(T):
+            row, j = place(i, size, T), T + i
+            if eliminate(matrix, j, SAME * sums[0, row, row]) and i >= T - size:
                 statistics[b] += matrix[j, 2 * T] * matrix[j, 2 * T] / matrix[j, j]
