@@ -8,7 +8,7 @@ import itertools
 import multiprocessing
 import pickle
 import sys
-import time
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -272,38 +272,49 @@ def test_threads_change_nothing(n_jobs: int, monkeypatch: pytest.MonkeyPatch) ->
     np.testing.assert_array_equal(many.parameters, one.parameters)
 
 
-def until(threads: int) -> None:
-    """Wait until so many threads run beside the first: one begins, and ends, behind the call that asks for it."""
-    while _thread._count() != threads:  # else the suite's own limit ends it
-        time.sleep(0.01)
+@pytest.fixture
+def helpers(monkeypatch: pytest.MonkeyPatch) -> list[threading.Event]:
+    """Threads that ensembles have begun: each event says that one has ended."""
+    begun: list[threading.Event] = []
+    start = _thread.start_new_thread
+
+    def begin(run: Callable[..., None], given: tuple[Any, ...]) -> int:
+        ended = threading.Event()
+        begun.append(ended)
+        return start(lambda: (run(*given), ended.set()), ())
+
+    monkeypatch.setattr(ensemble_members._thread, "start_new_thread", begin)
+    return begun
 
 
-def test_a_thread_helps_with_one_chunk_after_the_other_and_ends_with_the_ensemble() -> None:
+def test_a_thread_helps_with_one_chunk_after_the_other_and_ends_with_the_ensemble(
+    helpers: list[threading.Event],
+) -> None:
     u, y = streams(2 * MEMBERS)
-    ensemble, before = rp.Ensemble(sweep("adam", REPLAY, members=2 * MEMBERS), n_jobs=2), _thread._count()
+    ensemble = rp.Ensemble(sweep("adam", REPLAY, members=2 * MEMBERS), n_jobs=2)
     for _ in range(3):
         ensemble.update_many(u, y)
-        until(before + 1)
+    (ended,) = helpers
+    assert not ended.is_set()
     del ensemble
-    until(before)
+    assert ended.wait(60.0)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems begin a process anew")
-def test_a_fork_has_a_helper_of_its_own() -> None:
+def test_a_fork_has_a_helper_of_its_own(helpers: list[threading.Event]) -> None:
     u, y = streams(2 * MEMBERS)
     ensemble = rp.Ensemble(sweep("adam", REPLAY, members=2 * MEMBERS), n_jobs=2)
     ensemble.update_many(u, y)
+    assert len(helpers) == 1
     queue = multiprocessing.get_context("fork").SimpleQueue()
-
-    def go_on() -> None:
-        before, errors = _thread._count(), ensemble.update_many(u, y)
-        until(before + 1)
-        queue.put(errors)
-
-    process = multiprocessing.get_context("fork").Process(target=go_on)
+    process = multiprocessing.get_context("fork").Process(
+        target=lambda: queue.put((ensemble.update_many(u, y), len(helpers)))
+    )
     process.start()
-    np.testing.assert_array_equal(queue.get(), ensemble.update_many(u, y))
+    errors, begun = queue.get()
     process.join()
+    np.testing.assert_array_equal(errors, ensemble.update_many(u, y))
+    assert (begun, len(helpers)) == (2, 1)
 
 
 def test_a_member_goes_on_by_itself_with_time_stamps_too() -> None:

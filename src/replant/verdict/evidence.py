@@ -16,7 +16,7 @@ from replant.model.structure import Structure
 from replant.model.uncertainty import UncertainMode, Uncertainty
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.levels import MATTERS
-from replant.numerics.linear_algebra import inner, roots, sum_of_squares
+from replant.numerics.linear_algebra import inner, quiet, roots, sum_of_squares
 from replant.numerics.robust import usual_step
 from replant.verdict.verdict import duration
 
@@ -25,7 +25,8 @@ LEAST_POWER = 0.01 * MATTERS  # variance of the newest input below which it rest
 RESTED = 2500  # rest after which it is noted whether the model is trusted: half of the way between reviews [samples]
 CONSTANT = "the input is constant: move it"
 STANDS_STILL = "the output is constant over {} while the input moves"  # {}: for how long
-COPY = "the output is a copy of the input, sample for sample: name the output's column"
+COPY_OF = "the output is a copy of the input{}, sample for sample: name the output's column"  # {}: its name, if any
+COPY = COPY_OF.format("")
 RESTING = 1e-12  # movement that is rounding of float64, some thousand times its precision [part of the largest value]
 ROUNDING = 1e-6  # what is rounding of a log: its numbers have six digits and more [part of a signal]
 UNSTABLE_SIGMAS = 3.0  # of a pole right of the axis, where an integrator's may be by chance [standard deviations]
@@ -36,12 +37,14 @@ def is_constant(u: FloatArray) -> bool:
     return u.size > 0 and float(np.ptp(u)) <= RESTING * float(np.abs(u).max())
 
 
+@quiet
 def is_copy(u: FloatArray, y: FloatArray) -> bool:
     """Return whether an output (K,) is the input (K,), perhaps in another unit and about another zero."""
-    if u.size < FEWEST or is_constant(u):
+    if u.size < FEWEST or is_constant(u) or is_constant(y):
         return False
-    u, y = u - u.mean(), y - y.mean()
-    return float(np.std(y - u * (inner(u, y) / sum_of_squares(u)))) <= ROUNDING * float(y.std()) > 0.0
+    u, y = ((each - each.mean()) / np.ptp(each) for each in (u, y))
+    power = sum_of_squares(u)
+    return 0.0 < power < math.inf and float(np.std(y - u * (inner(u, y) / power))) <= ROUNDING * float(y.std())
 
 
 @dataclass(frozen=True, eq=False)

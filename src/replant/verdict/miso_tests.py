@@ -32,7 +32,7 @@ from replant.numerics.linear_algebra import (
 )
 from replant.numerics.projections import WEAKEST, orthogonal, widening, without
 from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
-from replant.verdict.evidence import FEWEST, RESTED, is_copy, moving, rounding_of
+from replant.verdict.evidence import COPY_OF, FEWEST, RESTED, is_copy, moving, rounding_of
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, figure, percent
 
 FILTERS = 8  # first-order filters of each input that its transfer function is tested against [count]
@@ -80,8 +80,7 @@ def _copied(row: Row) -> Iterator[Finding]:
     known = row.record.is_measured
     for name, u in zip(row.names, row.inputs.T, strict=True):
         if is_copy(u[known], row.record.y[known]):
-            reason = f"the output is a copy of the input {name}, sample for sample: name the output's column"
-            yield Finding("inconsistent", reason)
+            yield Finding("inconsistent", COPY_OF.format(f" {name}"))
 
 
 def _at_rest(row: Row) -> Iterator[Finding]:
