@@ -144,8 +144,11 @@ def checked_options(
 def _note_on_step(given: dict[str, Any]) -> None:
     """Say how many dead times a range without a step has."""
     asked = typed("--delay")
-    if asked.count(":") == 1 and "," not in asked:
-        tenth, tried = 0.1 * float(asked.partition(":")[2]), len(given["delay"])
+    if asked.count(":") != 1 or "," in asked:
+        return
+    first, last = map(float, asked.split(":"))
+    if first < last:
+        tried, tenth = len(given["delay"]), 0.1 * (last - first)
         note(f"--delay {asked}: in steps of 1 s, {tried} in all; give another step as in {asked}:{tenth:g}")
 
 

@@ -161,13 +161,10 @@ def _folded(columns: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatA
 
 @quiet
 def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
-    """Return the pseudo-inverses of symmetric matrices (..., T, T); NaN where these are not finite."""
+    """Return the pseudo-inverse of a symmetric matrix (T, T); NaN where it is not finite."""
     if np.isfinite(symmetric).all():
         try:
-            values, vectors = np.linalg.eigh(symmetric)
-            least = tolerance * np.abs(values).max(axis=-1, keepdims=True, initial=0.0)
-            inverses = np.divide(1.0, values, out=np.zeros_like(values), where=np.abs(values) > least)
-            return np.asarray((vectors * inverses[..., None, :]) @ vectors.mT)
+            return np.asarray(np.linalg.pinv(symmetric, rcond=tolerance, hermitian=True))
         except np.linalg.LinAlgError:
             pass
     return np.full_like(symmetric, np.nan)
