@@ -87,6 +87,7 @@ static bool take_argument(const kernel *called, int number, object *given, argum
 {
     const parameter *wanted = &called->parameters[number];
     view->obj = NULL;
+    view->len = 0;
     if (wanted->dimensions == 0) {
         if (wanted->kind == 'd')
             taken->d = py.as_double(given);
@@ -151,6 +152,10 @@ static runner chosen(long long number, const argument *arguments)
     return is_small(arguments[0].p) ? kernels_plain[number] : kernels[number];
 }
 
+/* Bytes of a kernel's arrays, those of a state apart, from which it lets other threads run meanwhile: a thousand
+   numbers.  It takes microseconds for fewer, and a thread that waits for the interpreter afterwards waits for tens. */
+enum { LONG = 8000, STATE_ARRAYS = 5 };
+
 static object *call(object *self, object *const *given, intptr_t count)
 {
     const long long number = py.as_whole(self);
@@ -161,17 +166,21 @@ static object *call(object *self, object *const *given, intptr_t count)
     const int wanted = called->count;
     bool fits = true;
     int taken = 0;
+    intptr_t bytes = 0;
     arguments[0].n[0] = 0; /* a kernel without arguments has no state */
     if (count != wanted)
         return py.set_error(py.type_error, "%s takes %d arguments, not %d", called->name, wanted, (int)count);
     while (fits && taken < wanted) { /* the last one may be an array that does not fit */
         fits = take_argument(called, taken, given[taken], &arguments[taken], &views[taken]);
+        if (!called->of_state || taken >= STATE_ARRAYS)
+            bytes += views[taken].len;
         taken++;
     }
     if (fits) {
-        void *thread = py.let_others_run();
+        void *thread = bytes >= LONG ? py.let_others_run() : NULL;
         const char *broken = chosen(number, arguments)(arguments);
-        py.take_back(thread);
+        if (thread)
+            py.take_back(thread);
         if (broken)
             py.set_error(py.value_error, "%s: it must hold that %s", called->name, broken);
         else
