@@ -18,10 +18,12 @@ from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
 from replant.kernels.filters import autoregressions, bank, chain
 from replant.kernels.filters.autoregressions import fill_all_pole, fill_play
 from replant.kernels.filters.reference import functions
+from replant.kernels.filters.sums import explain
 from replant.kernels.monitoring import interruptions, scatter
 from replant.kernels.monitoring.changes import since_each
+from replant.kernels.monitoring.recent import unroll, variance
 from replant.kernels.native import KERNELS, Kernel, interpreted
-from replant.kernels.schema import LAGS, LAGUERRE
+from replant.kernels.schema import DOUBTED, INPUT, LAGS, LAGUERRE, OUTPUT, STEP, Doubt
 from replant.kernels.step.bank import weigh
 from replant.kernels.step.branch import branch
 from replant.kernels.step.miso import REFUSED, learn
@@ -271,9 +273,19 @@ def check_series() -> None:
         sums, count = autoregression.sums_of(noise, np.arange(noise.size) % 40)
         parts, found = linear_algebra.sums_of_products(lags.T.copy(), np.array([50, 53])), np.empty(2)
         since_each(np.cumsum(parts[::-1], axis=0)[::-1].copy(), 2, found, np.empty((2 * LAGS, 2 * LAGS + 1)))
-        return parts, sums, float(count), found
+        left, error = lags.T.copy(), np.empty(noise.size)
+        power = explain(left, 1, np.array([0.5, -0.25]), error)
+        return parts, sums, float(count), found, left, error, power
 
     check(summed)
+
+    def recent_ones() -> tuple[Any, ...]:
+        ring, signals = noise[:300].reshape(50, 6).copy(), np.zeros((2, 40))
+        ring[:, STEP], ring[:40, DOUBTED], ring[45, OUTPUT] = DT, float(Doubt.NONE), np.nan
+        odd = [unroll(ring, end, DT, *signals) for end in (0, 30, 50)]
+        return signals, *odd, *(variance(ring, end, 40, INPUT) for end in (0, 30, 50))
+
+    check(recent_ones)
 
     def followed() -> tuple[Any, ...]:
         states, written = np.zeros((2, LAGUERRE)), np.zeros((50, 2 * LAGUERRE))

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from replant.estimation.engine.estimate_covariance import covariance
-from replant.estimation.engine.recent_samples import RecentSamples
+from replant.estimation.engine.recent_samples import RecentSamples, variance_of_input
 from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
@@ -313,5 +313,4 @@ def tells_of_changes(state: State, settings: Settings) -> bool:
 def is_at_rest(state: State) -> bool:
     """Return whether the input has rested since half of the time between two reviews, or in a quarter of those kept."""
     rested = min(RESTED, len(state.recent) // 4) if state.samples > len(state.recent) else RESTED
-    newest = RecentSamples.of(state, rested).input
-    return 0 < len(newest) == rested and float(np.var(newest)) < LEAST_POWER * state.largest_power
+    return 0 < rested <= state.samples and variance_of_input(state, rested) < LEAST_POWER * state.largest_power

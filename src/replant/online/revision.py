@@ -27,7 +27,7 @@ from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import likelihood_ratio
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import borrowed, quiet
+from replant.numerics.linear_algebra import quiet
 from replant.online.begin_recursion import restart_at
 from replant.online.change_response import (
     AGAIN,
@@ -137,8 +137,7 @@ def renew(old: State, settings: Settings) -> State | None:
     if not (is_searched or has_grown):
         return None
     structure = settings.structure
-    with borrowed(rows, old.recent.shape[1]) as room:
-        record = RecentSamples.of(old, rows, room).record(settings.dt, settings.filter.input_hold, parted=True)
+    record = RecentSamples.record_of(old, rows, settings.dt, settings.filter.input_hold)
     begin = begin_of_change(structure, record, old.physical) if is_searched else 0
     if not (begin or has_grown):
         return None

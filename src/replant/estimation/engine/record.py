@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from replant.model.state_space import unknown_outputs
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression, in_a_row, since_break
-from replant.numerics.linear_algebra import quiet
+from replant.numerics.linear_algebra import quiet, sum_of_squares
 
 # some million times the precision of float64
 SAME = 1e-9  # part of an interval that is rounding [ratio]
@@ -78,7 +78,7 @@ class Record:
     @cached_property
     def spread(self) -> float:
         """Standard deviation of the output."""
-        return float(np.std(self.y)) if self.y.size else 0.0
+        return math.sqrt(sum_of_squares(self.y - self.y.mean()) / self.y.size) if self.y.size else 0.0
 
     @cached_property
     def predecessors(self) -> IntArray:
@@ -90,6 +90,8 @@ class Record:
     @cached_property
     def _unbroken(self) -> IntArray:
         """How many outputs before each (K,) came a sampling time apart, measured or not, up to LAGS."""
+        if self.intervals.size == 1 and not self.begins:
+            return _predecessors(self.u.size)
         since = since_break(self._breaks)
         return np.minimum(since, LAGS, out=since)
 
@@ -249,6 +251,14 @@ class Record:
             return self.span / (self.u.size - 1)
         within = [self.intervals[rows][1:] for rows in self.parts]
         return float(np.concatenate(within).mean()) if any(each.size for each in within) else self.usual
+
+
+@lru_cache(maxsize=2)
+def _predecessors(samples: int) -> IntArray:
+    """Return how many samples came before each one (K,), up to LAGS; of a search it is asked again and again."""
+    found = np.minimum(np.arange(samples), LAGS)
+    found.flags.writeable = False
+    return found
 
 
 def _slices(begins: Sequence[int], end: int) -> list[slice]:

@@ -24,20 +24,19 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.change_contest import HARMLESS, Claim, Contest, decided, is_sure
-from replant.estimation.solver.change_evidence import Known, Stretch, with_nuisances
+from replant.estimation.solver.change_evidence import Known, with_nuisances
 from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem, least_since
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import (
     borrowed,
     chi2_quantile,
-    combined,
     inverse_of,
     quiet,
-    sum_of_squares,
     sums_of_products,
 )
 from replant.numerics.projections import weights_by
@@ -108,6 +107,8 @@ def change_at(structure: Structure, record: Record, model: FloatArray, begin: in
 @quiet
 def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> int:
     """Return the sample since which a model (T,) fits the record worst; 0 where that may be chance."""
+    from replant.kernels.filters.sums import explain
+
     size, fewest = structure.coefficients, least_since(structure)
     if record.u.size < 3 * fewest:
         return 0
@@ -117,11 +118,11 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
         # of the model with its nuisances, in which the residual is linear
         sums = sums_of_products(signals)[0]
         weights = weights_by(sums[size:-1, size:-1], sums[size:-1, -1])
-        error = signals[:, -1] = signals[:, -1] - combined(signals[:, size:-1], weights)
-        noise = Stretch.of(record, slice(None)).colour(error)
-        power = sum_of_squares(error) / max(record.count, 1)
+        error, count = np.empty(len(signals)), max(record.count, 1)
+        power = explain(signals, size, weights, error) / count
         if not math.sqrt(power) * beside >= HARMLESS * record.spread:  # nor where it is NaN
             return 0
+        noise = Autoregression.of_residual(error, record.predecessors, count)
         return surest_begin(noise.whiten_known(signals, record.predecessors), size, fewest, record.count)[0]
 
 

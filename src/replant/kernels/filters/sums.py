@@ -92,3 +92,20 @@ def lagged_products(error: Reals, known: Ints, sums: Matrix, turned: Matrix, par
     add(turned, parts)
     finish(parts, sums)
     return count
+
+
+@kernel("0 <= first and first + weights.size < columns.shape[1] and error.size == columns.shape[0]")
+def explain(columns: Matrix, first: int, weights: Reals, error: Reals):
+    """Take what N columns from ``first`` on explain, by their weights (N,), off the last one of ``columns`` (K, T).
+
+    Write what is left of it to ``error`` (K,), too, and return the sum of its squares.
+    """
+    last, power = columns.shape[1] - 1, 0.0
+    for k in range(error.size):
+        left = columns[k, last]
+        for j in range(weights.size):
+            left -= columns[k, first + j] * weights[j]
+        columns[k, last] = left
+        error[k] = left
+        power += left * left
+    return power
