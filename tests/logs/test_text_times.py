@@ -34,6 +34,7 @@ FORMS = {
     "slashes, comma": "05/01/2024, 11:59:{:06.3f} PM",
     "dashes": "13-05-2024 23:59:{:06.3f}",
     "MATLAB": "01-May-2024 23:59:{:06.3f}",
+    "historian": "01-May-24 23:59:{:06.3f}",
     "clock": "23:59:{:06.3f}",
     "elapsed": "123:59:{:06.3f}",
 }
@@ -78,6 +79,12 @@ def test_any_instant_is_read_as_python_reads_it(instant: datetime, minutes: int)
     aware = instant.replace(tzinfo=timezone(timedelta(minutes=minutes)))
     epoch = datetime(1970, 1, 1, tzinfo=UTC)
     assert parse_stamp(aware.isoformat(), False).nanoseconds == (aware - epoch) // timedelta(microseconds=1) * 1000
+
+
+@pytest.mark.parametrize(("written", "year"), [("68", 2068), ("69", 1969), ("99", 1999), ("00", 2000)])
+def test_a_year_of_two_digits_lies_within_1969_and_2068(written: str, year: int) -> None:
+    found = parse_stamp(f"29-Jan-{written} 01:00", False)
+    assert found.nanoseconds == (datetime(year, 1, 29, 1) - datetime(1970, 1, 1)) // timedelta(microseconds=1) * 1000
 
 
 def test_nanoseconds_stay_exact() -> None:

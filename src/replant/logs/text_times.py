@@ -27,7 +27,7 @@ _DATE = (
     r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})(?P=mark)(?P<day>\d{1,2})"
     r"|(?P<basic>\d{8})(?=T)"
     r"|(?P<one>\d{1,2})(?P<sep>[-/.])(?P<other>\d{1,2})(?P=sep)(?P<local_year>\d{4})"
-    rf"|(?P<named_day>\d{{1,2}})[- ](?P<name>{'|'.join(_MONTHS)})[a-z]*[- ](?P<named_year>\d{{4}}))"
+    rf"|(?P<named_day>\d{{1,2}})[- ](?P<name>{'|'.join(_MONTHS)})[a-z]*[- ](?P<named_year>\d{{4}}|\d{{2}}))"
 )
 _HEAD = re.compile(rf"(?:{_DATE}(?:(?:[T_]|,? +|,)|$))?(?:(?P<hour>\d{{1,4}}):(?P<minute>\d{{2}}))?", re.IGNORECASE)
 _CELL = re.compile(
@@ -148,7 +148,9 @@ def _day_of(part: dict[str, str | None], month_first: bool) -> tuple[int | None,
     elif part["basic"]:
         day = _date(part["basic"][:4], part["basic"][4:6], part["basic"][6:])
     elif part["name"]:
-        day = _date(part["named_year"], _MONTHS.index(part["name"].lower()) + 1, part["named_day"])
+        year = int(part["named_year"] or 0)
+        century = 0 if year > 99 else 1900 if year > 68 else 2000  # as POSIX has two digits
+        day = _date(century + year, _MONTHS.index(part["name"].lower()) + 1, part["named_day"])
     elif part["one"] and part["sep"] == ".":  # with points the day always comes first
         day = _date(part["local_year"], part["other"], part["one"])
     elif part["one"]:
