@@ -35,6 +35,7 @@ FORMS = {
     "dashes": "13-05-2024 23:59:{:06.3f}",
     "MATLAB": "01-May-2024 23:59:{:06.3f}",
     "historian": "01-May-24 23:59:{:06.3f}",
+    "points, two digits": "01.05.24 23:59:{:06.3f}",
     "clock": "23:59:{:06.3f}",
     "elapsed": "123:59:{:06.3f}",
 }
@@ -85,6 +86,12 @@ def test_any_instant_is_read_as_python_reads_it(instant: datetime, minutes: int)
 def test_a_year_of_two_digits_lies_within_1969_and_2068(written: str, year: int) -> None:
     found = parse_stamp(f"29-Jan-{written} 01:00", False)
     assert found.nanoseconds == (datetime(year, 1, 29, 1) - datetime(1970, 1, 1)) // timedelta(microseconds=1) * 1000
+
+
+@pytest.mark.parametrize("cell", ["10.05.07", "10/05/07 10:00", "10-05-07 10:00"])
+def test_two_digits_that_may_be_anything_else_are_no_year(cell: str) -> None:
+    with pytest.raises(ValueError, match="10"):
+        parse_stamp(cell, False)
 
 
 def test_nanoseconds_stay_exact() -> None:

@@ -26,7 +26,8 @@ _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct",
 _DATE = (
     r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})(?P=mark)(?P<day>\d{1,2})"
     r"|(?P<basic>\d{8})(?=T)"
-    r"|(?P<one>\d{1,2})(?P<sep>[-/.])(?P<other>\d{1,2})(?P=sep)(?P<local_year>\d{4})"
+    # a year of two digits behind points, and before a clock time: 10.05.07 by itself may be one
+    r"|(?P<one>\d{1,2})(?P<sep>[-/.])(?P<other>\d{1,2})(?P=sep)(?P<local_year>\d{4}|(?<=\.)\d{2}(?=,? +\d))"
     rf"|(?P<named_day>\d{{1,2}})[- ](?P<name>{'|'.join(_MONTHS)})[a-z]*[- ](?P<named_year>\d{{4}}|\d{{2}}))"
 )
 _HEAD = re.compile(rf"(?:{_DATE}(?:(?:[T_]|,? +|,)|$))?(?:(?P<hour>\d{{1,4}}):(?P<minute>\d{{2}}))?", re.IGNORECASE)
@@ -148,9 +149,7 @@ def _day_of(part: dict[str, str | None], month_first: bool) -> tuple[int | None,
     elif part["basic"]:
         day = _date(part["basic"][:4], part["basic"][4:6], part["basic"][6:])
     elif part["name"]:
-        year = int(part["named_year"] or 0)
-        century = 0 if year > 99 else 1900 if year > 68 else 2000  # as POSIX has two digits
-        day = _date(century + year, _MONTHS.index(part["name"].lower()) + 1, part["named_day"])
+        day = _date(part["named_year"], _MONTHS.index(part["name"].lower()) + 1, part["named_day"])
     elif part["one"] and part["sep"] == ".":  # with points the day always comes first
         day = _date(part["local_year"], part["other"], part["one"])
     elif part["one"]:
@@ -162,8 +161,9 @@ def _day_of(part: dict[str, str | None], month_first: bool) -> tuple[int | None,
     return day.toordinal() - _EPOCH, numbers
 
 
-def _date(year: str | int | None, month: str | int | None, day: str | int | None) -> date:
-    return date(int(year or 0), int(month or 0), int(day or 0))
+def _date(year: str | None, month: str | int | None, day: str | int | None) -> date:
+    century = 0 if len(year or "") > 2 else 1900 if int(year or 0) > 68 else 2000  # as POSIX has two digits
+    return date(century + int(year or 0), int(month or 0), int(day or 0))
 
 
 def _offset(zone: str) -> int:
