@@ -48,6 +48,7 @@ from replant.verdict.evidence import (
 from replant.verdict.input_faults import actuator_findings, dead_time_findings, direct_findings, hold_findings
 from replant.verdict.residual_tests import (
     COLOURED,
+    REMEDY,
     Loop,
     Reference,
     unexplained,
@@ -219,7 +220,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
         *sensor_and_excitation.growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *sensor_and_excitation.burst_finding(evidence, runs),
-        *_disagreement(max(evidence.disagreement, certainty.disagreement)),
+        *_disagreement(max(evidence.disagreement, certainty.disagreement), loop),
     ]
     if certainty.improves:  # the present estimate may explain what the earlier one does not
         model = [Finding(max(found.status, "converging", key=STATUSES.index), found.reason) for found in model]
@@ -228,12 +229,15 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
     return (held or loop.findings + direct_findings(evidence, runs, loop)) + model + certainty.findings
 
 
-def _disagreement(size: float) -> list[Finding]:
+def _disagreement(size: float, loop: Loop) -> list[Finding]:
     if size <= DISAGREES:
         return []
     reason = f"filtered by its noise model the same record gives another model, whose output differs by {percent(size)}"
-    reason += ": too few poles or zeros, a wrong dead time, or a plant that is not linear"
-    return [Finding("inconsistent", reason)]
+    if loop.feedback.found and loop.reference is None:
+        return [Finding("inconsistent", f"{reason}; in a closed loop those of a right structure may: {REMEDY}")]
+    return [
+        Finding("inconsistent", f"{reason}: too few poles or zeros, a wrong dead time, or a plant that is not linear")
+    ]
 
 
 def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
