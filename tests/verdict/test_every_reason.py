@@ -263,6 +263,10 @@ PAIRS: dict[str, Pair] = {
         lambda: acted(lambda u: play(u, 0.4)),
         lambda: acted(lambda u: u, play(steps(1), 0.4)),
     ),
+    "the output is held from report to report": (
+        lambda: fit(U, np.repeat(out(U)[::6], 6)),
+        lambda: fit(U, np.round(out(U), 1)),
+    ),
     "the input seems to run straight between its samples": (
         lambda: run(smooth(), out(smooth(), ZERO, input_hold="foh"), rp.Structure(2, 1)),
         lambda: run(smooth(), out(smooth(), ZERO), rp.Structure(2, 1)),

@@ -204,6 +204,10 @@ _default = _repeat("use the method by default", "optimizer", "method", "startup"
 #: What reasons say, and what to do; the first that fits counts.
 STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"far from its others", _repeat("make these cells of the input empty, and repeat")),
+    (
+        r"held from report to report",
+        _repeat("make the cells of the output empty that repeat the one before, and repeat"),
+    ),
     (r"drifts along a straight line", lambda _: NextStep("take the straight line off", f"{again()} --detrend")),
     (COLUMN, _column),
     (FEWER, _fewer),

@@ -45,6 +45,7 @@ from replant.verdict.evidence import (
     is_constant,
     is_copy,
 )
+from replant.verdict.held_output import held_output_findings
 from replant.verdict.input_faults import actuator_findings, dead_time_findings, direct_findings, hold_findings
 from replant.verdict.residual_tests import (
     COLOURED,
@@ -105,9 +106,12 @@ def _judged(evidence: Evidence) -> Assessment:
     if runs is not None:
         found = sensor_and_excitation.excitation(runs.now, evidence.newest)
         figures |= {"condition": found.condition, "excitation": found.share}
-        findings += _of_sensor(evidence, runs)
+        # each report of an output that is held looks like a sensor that was stuck since the one before
+        held = held_output_findings(evidence, runs)
+        findings += held or _of_sensor(evidence, runs)
         # what the comparison with the model names is not named again
-        evidence = replace(evidence, stuck=evidence.stuck and all(each.status == "trusted" for each in findings))
+        named = bool(held) or any(each.status != "trusted" for each in findings)
+        evidence = replace(evidence, stuck=evidence.stuck and not named)
         if not (_lacks_excitation(findings) or _shares_root(evidence, found.condition)):
             findings += found.findings
         if not _lacks_excitation(findings):  # without excitation the tests of the model are meaningless

@@ -1,0 +1,75 @@
+"""An output that is held from report to report is named, as no stuck sensor; a coarse scale is none."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import replant as rp
+from replant.signals import random_steps
+from replant.verdict import Verdict
+from support.cases import every
+
+SAMPLES, PLANT = 3000, rp.TransferFunction([2.0], [30.0, 1.0])
+HELD = "the output is held from report to report"
+
+
+def record(seed: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    u = random_steps(SAMPLES, shortest=50, longest=150, low=-2.0, high=2.0, seed=seed)
+    return u, PLANT.simulate(u, 1.0) + noise * np.random.default_rng(seed).standard_normal(SAMPLES)
+
+
+def by_exception(y: np.ndarray, deadband: float) -> np.ndarray:
+    """What a historian keeps: a value is written once it has moved by a deadband."""
+    kept = y.copy()
+    for k in range(1, y.size):
+        kept[k] = y[k] if abs(y[k] - kept[k - 1]) > deadband else kept[k - 1]
+    return kept
+
+
+def online(u: np.ndarray, y: np.ndarray) -> Verdict:
+    ident = rp.Identifier(poles=1, dt=1.0)
+    ident.update_many(u, y)
+    ident.finish()
+    return ident.assess()
+
+
+def reports(y: np.ndarray) -> np.ndarray:
+    """An output with the cells empty that repeat the one before."""
+    return np.where(np.diff(y, prepend=np.nan) == 0.0, np.nan, y)
+
+
+def checked(u: np.ndarray, y: np.ndarray) -> None:
+    for found in (rp.fit(u, y, 1.0, poles=1).verdict, online(u, y)):
+        assert (found.status, found.reasons[0][: len(HELD)]) == ("inconsistent", HELD), found.reasons
+        assert not any("stuck" in reason for reason in found.reasons), found.reasons
+    advised = rp.fit(u, reports(y), 1.0, poles=1)
+    assert advised.verdict.status == "trusted"
+    np.testing.assert_allclose(advised.parameters[:2], [1.0 / 30.0, 2.0 / 30.0], rtol=0.02)
+
+
+@every("seed", range(6), quick=2)
+def test_an_output_written_once_it_has_moved_is_named_and_its_reports_give_the_plant(seed: int) -> None:
+    u, y = record(seed, 0.01)
+    checked(u, by_exception(y, 0.2))
+
+
+@every("seed", range(4), quick=1)
+def test_an_output_of_a_slow_sensor_is_named_and_its_reports_give_the_plant(seed: int) -> None:
+    u, y = record(seed, 0.03)
+    checked(u, np.repeat(y[::15], 15)[:SAMPLES])
+
+
+@every("seed", range(4), quick=1)
+def test_an_output_that_is_held_for_less_than_matters_is_said_and_trusted(seed: int) -> None:
+    u, y = record(seed, 0.01)
+    found = rp.fit(u, np.repeat(y[::2], 2), 1.0, poles=1).verdict
+    assert found.status == "trusted"
+    assert any(reason.startswith(HELD) for reason in found.reasons), found.reasons
+
+
+@every("step, noise", [(0.05, 0.0), (0.2, 0.0), (0.4, 0.05), (1.0, 0.05)], quick=2)
+def test_equal_outputs_of_a_coarse_scale_are_not_held(step: float, noise: float) -> None:
+    for seed in range(3):
+        u, y = record(seed, noise)
+        found = rp.fit(u, step * np.round(y / step), 1.0, poles=1).verdict
+        assert not any(HELD in reason for reason in found.reasons), found.reasons
