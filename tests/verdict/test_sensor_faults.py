@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from replant import TransferFunction, fit
 from replant.numerics.robust import usual_step
+from replant.signals import random_steps
 from replant.verdict.sensor_and_excitation import (
     clock_finding,
     is_resolved,
@@ -114,3 +116,17 @@ def test_the_step_of_a_scale() -> None:
     assert usual_step(np.round(np.arange(30.0) / 7.0, 1)) == pytest.approx(1 / 7, abs=0.06)  # few digits
     assert usual_step(NOISE) < 0.01 * NOISE.std()
     assert usual_step(np.array([1.0, np.nan])) == 0.0
+    # levels that differ in their last digits alone, as differences of positions do; an outlier is no step
+    assert usual_step(np.diff(0.1 * np.round(np.cumsum(CLEAN + 5.0)))) == pytest.approx(0.1)
+    assert usual_step(np.append(NOISE, 1e12)) < 0.01 * NOISE.std()
+
+
+@every("seed", [1, 5, 0, 4], quick=1)
+def test_pulses_of_a_coarse_encoder_are_no_outliers(seed: int) -> None:
+    """The speed is the difference of its positions, mostly zero, over the sampling time."""
+    dt, line = 0.001, 2.0 * np.pi / 200
+    u = random_steps(6000, shortest=40, longest=120, low=-1.5, high=1.5, seed=seed)
+    positions = line * np.round(TransferFunction([100.0], [1.0, 20.0, 0.0]).simulate(u, dt) / line)
+    made = fit(u, np.diff(positions, prepend=0.0) / dt, dt, poles=1, delay=dt / 2)
+    assert not made.outliers.size
+    np.testing.assert_allclose(made.parameters[:2], [20.0, 100.0], rtol=0.05)

@@ -11,6 +11,8 @@ GROSS = 2.0  # distance from the neighbours' median that no plant makes: a spike
 SPIKE_NEIGHBOURS = 5  # whose median tells an output without spikes: two in a row are outvoted [samples]
 # more than a twentieth at one end is what a signal does now and then
 FAR_OUT = 0.05  # values at either end that may lie far from all others [part of them]
+# as the digits of a log: levels that differ by less are one, computed from other numbers, such as two positions
+ROUNDING = 1e-6  # distance of values that are one level of a scale [part of the range of nine tenths]
 SECTIONS = 8  # of a record, one of which at least tells how often neighbours are equal by chance [count]
 
 
@@ -68,8 +70,13 @@ def still_runs(y: FloatArray) -> IntArray:
 
 def usual_step(y: FloatArray) -> float:
     """Return the step of a sensor's scale, the median distance of the values (K,) that it gave; 0 of a single one."""
-    values = np.unique(y[np.isfinite(y)])
-    return float(np.median(np.diff(values))) if values.size > 1 else 0.0
+    known = y[np.isfinite(y)]
+    apart = np.diff(np.unique(known))
+    if not apart.size:
+        return 0.0
+    low, high = np.quantile(known, [FAR_OUT, 1.0 - FAR_OUT])  # without outliers
+    levels = apart[apart > ROUNDING * ((high - low) or known.max() - known.min())]
+    return float(np.median(levels if levels.size else apart))
 
 
 def tie_share(equal: BoolArray) -> float:
