@@ -29,6 +29,7 @@ def held_output_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Say where the output is held from report to report, and what a model of the reports alone changes."""
     rows, run = evidence.known, runs.now
     y, used = evidence.raw[rows], evidence.used[rows]
+    used = used & (y > y[used].min()) & (y < y[used].max())  # at the end of a scale a sensor repeats itself, too
     repeated = np.concatenate([[False], used[1:] & used[:-1] & (y[1:] == y[:-1])])
     reports = used & ~repeated
     fresh, held = int(np.count_nonzero(reports)), int(np.count_nonzero(repeated[1:] & ~repeated[:-1]))
