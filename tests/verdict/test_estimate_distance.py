@@ -150,3 +150,25 @@ def test_growth_has_no_unit_and_no_fear_of_zero() -> None:
     assert growth(noise[:1000], 3.0 * noise[1000:]) == pytest.approx(growth(1e9 * noise[:1000], 3e9 * noise[1000:]))
     assert growth(np.zeros(200), np.zeros(200)) == (1.0, 0.0)
     assert growth(np.zeros(200), noise[:200])[1] == np.inf
+
+
+def thermostat(seed: int, samples: int = 4000) -> tuple[np.ndarray, np.ndarray]:
+    """A heater with two positions: the disturbances alone decide when it is on."""
+    noise = np.random.default_rng(seed).standard_normal(samples)
+    away = 1.5 * coloured(seed, 0.999, samples)
+    u, y, x, on = np.empty(samples), np.empty(samples), 0.0, 0.0
+    slow = np.exp(-0.5 / 60.0)
+    for k in range(samples):
+        y[k] = x + away[k] + 0.05 * noise[k]
+        on = 15.0 if y[k] < 14.0 else 0.0 if y[k] > 16.0 else on
+        u[k] = on
+        x = slow * x + 2.0 * (1.0 - slow) * on
+    return u, y
+
+
+@every("seed", range(6), quick=2)
+def test_where_disturbances_alone_move_a_loop_no_other_model_is_said_to_come_of_its_filter(seed: int) -> None:
+    """The slopes explain much of the disturbances there: what they leave has another colour than the noise."""
+    found = rp.fit(*thermostat(seed), 0.5, poles=1).verdict
+    assert any("the loop is closed" in reason for reason in found.reasons), found.reasons
+    assert not any("filtered by its noise model" in reason for reason in found.reasons), found.reasons

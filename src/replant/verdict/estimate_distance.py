@@ -99,14 +99,16 @@ class Step:
         return Distance(self.step / self.lengths, statistic, covariance / np.outer(self.lengths, self.lengths))
 
 
-def distance(run: ModelRun, rows: slice, past: IntArray, used: BoolArray, false_alarm: float) -> Distance:
+def distance(
+    run: ModelRun, rows: slice, past: IntArray, used: BoolArray, false_alarm: float, *, closed: bool = False
+) -> Distance:
     """Return the Gauss-Newton step from an estimate towards the one that some rows (K,) give, with its significance."""
     # past: how many used samples come before each in a row, up to LAGS
     nuisances = np.hstack([run.nuisances[rows], np.ones((used.size, 1))])
     zeta, error = run.zeta[rows], run.error[rows]
-    # With instruments from a reference the noise model is that of the residual itself: they are right whatever the
-    # filter is, and in a loop the slopes explain much of what a load makes of it, so that the rest has another colour.
-    taken = nuisances if run.instruments is not None else np.hstack([zeta, nuisances])
+    # In a loop the noise model is that of the residual itself: there the slopes explain much of what a load makes of
+    # it, so that the rest has another colour.  Instruments from a reference are right whatever the filter is.
+    taken = nuisances if closed or run.instruments is not None else np.hstack([zeta, nuisances])
     left = np.zeros(used.size)
     left[used] = without(error[used, None], taken[used])[:, 0]
     noise = Autoregression.of_residual(left, past, int(used.sum()))

@@ -77,7 +77,7 @@ class Certainty:
         rows, chance = evidence.known, ALPHA
         if not evidence.instruments:
             rows, chance = slice(0, evidence.samples), SUSPECT
-        away = distance_of(runs.now, rows, evidence.past_of(rows), evidence.used[rows], chance)
+        away = distance_of(runs.now, rows, evidence.past_of(rows), evidence.used[rows], chance, closed=closed)
         known = away.covariance if evidence.covariance is None else evidence.covariance[:size, :size]
         std = np.sqrt(np.maximum(np.diag(known), 0.0))
         uncertainty = runs.size(std[: evidence.structure.poles], speeds.poles)
