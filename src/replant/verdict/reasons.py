@@ -49,7 +49,6 @@ from replant.verdict.held_output import held_output_findings
 from replant.verdict.input_faults import actuator_findings, dead_time_findings, direct_findings, hold_findings
 from replant.verdict.residual_tests import (
     COLOURED,
-    REMEDY,
     Loop,
     Reference,
     unexplained,
@@ -224,7 +223,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
         *sensor_and_excitation.growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *sensor_and_excitation.burst_finding(evidence, runs),
-        *_disagreement(max(evidence.disagreement, certainty.disagreement), loop),
+        *_disagreement(max(evidence.disagreement, certainty.disagreement)),
     ]
     if certainty.improves:  # the present estimate may explain what the earlier one does not
         model = [Finding(max(found.status, "converging", key=STATUSES.index), found.reason) for found in model]
@@ -233,15 +232,12 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
     return (held or loop.findings + direct_findings(evidence, runs, loop)) + model + certainty.findings
 
 
-def _disagreement(size: float, loop: Loop) -> list[Finding]:
+def _disagreement(size: float) -> list[Finding]:
     if size <= DISAGREES:
         return []
     reason = f"filtered by its noise model the same record gives another model, whose output differs by {percent(size)}"
-    if loop.feedback.found and loop.reference is None:
-        return [Finding("inconsistent", f"{reason}; in a closed loop those of a right structure may: {REMEDY}")]
-    return [
-        Finding("inconsistent", f"{reason}: too few poles or zeros, a wrong dead time, or a plant that is not linear")
-    ]
+    reason += ": too few poles or zeros, a wrong dead time, or a plant that is not linear"
+    return [Finding("inconsistent", reason)]
 
 
 def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
