@@ -33,7 +33,6 @@ from replant.estimation.solver.miso_steps import (
     start,
 )
 from replant.estimation.solver.srivc_steps import NEARLY_DONE
-from replant.kernels.schema import Doubt
 from replant.model.preprocess import accepted
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray, array_of_reals
@@ -155,24 +154,19 @@ def solve_record(
     structures: tuple[Structure, ...], ready: RowRecord, names: tuple[str, ...], begins_of: Begins = started
 ) -> RowSolution | None:
     """Return the estimate of a record, its bad outputs, as in `solve.solve`, found in turn; None without a start."""
-    record, solution, white = ready.record, None, Autoregression.white(1.0, ready.record.count)
-    doubt = solve.suspected(record, ready.inputs)
-    as_it_came = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
-    for _ in range(solve.ROUNDS):
+    record, white = ready.record, Autoregression.white(1.0, ready.record.count)
+
+    def solved(doubt: IntArray, before: RowSolution | None) -> RowSolution | None:
         row = Row(structures, solve.leaving_out(record, doubt), ready.inputs, names, ready.outside)
-        again = begins_of(row) if solution is None else begun_at(solution.found.point.theta, row)
+        again = begins_of(row) if before is None else begun_at(before.found.point.theta, row)
         begins = [begin for begin in again(white) if math.isfinite(begin.cost)] if row.record.count else []
-        if not begins and (doubt != as_it_came).any() and solution is None:
-            doubt = as_it_came
-            continue
-        if not begins:
-            break
-        found = solve_row(row, begins, again)
-        solution = RowSolution(row, found, doubt)
-        doubt = doubts_of(row, ready, found.point, found.noise)
-        if (doubt == solution.doubt).all():
-            break
-    return solution
+        return RowSolution(row, solve_row(row, begins, again), doubt) if begins else None
+
+    def told(by: RowSolution, _: IntArray) -> IntArray:
+        return doubts_of(by.row, ready, by.found.point, by.found.noise)
+
+    ends = solve.in_turn(record.is_measured, solve.suspected(record, ready.inputs), solved, told)
+    return None if ends is None else ends[0]
 
 
 def solve_with(

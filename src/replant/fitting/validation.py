@@ -18,14 +18,14 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
-from replant.estimation.simulation.fitted_run import fit_percent
+from replant.estimation.simulation.fitted_run import Simulation, fit_percent
 from replant.estimation.simulation.model_run import model_output
 from replant.estimation.solver.bad_samples import doubts, suspicious
-from replant.estimation.solver.solve import ROUNDS
+from replant.estimation.solver.solve import in_turn
 from replant.fitting.model_fields import ModelFields
 from replant.kernels.schema import Doubt
 from replant.model.preprocess import accepted, screen
-from replant.numerics.arguments import FloatArray
+from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.linear_algebra import quiet
 from replant.numerics.residuals import Correlations, correlation_lags, correlations
@@ -155,15 +155,17 @@ def validate(
         raise InvalidArgumentError(f"the record has {int(kept.sum())} usable samples, a validation needs {needed}")
     g, given = model.transfer_function, y
     noise = np.ones(1) if model.noise is None else model.noise.coefficients
-    doubt = suspicious(v, given)
-    for _ in range(ROUNDS):  # what is bad is told with the model's output, and that has another level without it
+
+    def simulated(doubt: IntArray, _: Simulation | None) -> Simulation | None:
         y = np.where(doubt == Doubt.NONE, given, np.nan)
-        if np.isfinite(y).sum() < needed:  # as it came
-            y, doubt = given, np.where(kept, Doubt.NONE, Doubt.MISSING)
-        simulation, before = model_output(g, v, y, dt, input_hold=model.input_hold, t=t), doubt
-        doubt = doubts(v, given, simulation.output, noise)
-        if (doubt == before).all():
-            break
+        enough = np.isfinite(y).sum() >= needed
+        return model_output(g, v, y, dt, input_hold=model.input_hold, t=t) if enough else None
+
+    # what is bad is told with the model's output, and that has another level without it
+    ends = in_turn(kept, suspicious(v, given), simulated, lambda run, _: doubts(v, given, run.output, noise))
+    assert ends is not None, "the outputs as they came are enough"
+    simulation, doubt = ends
+    y = np.where(doubt == Doubt.NONE, given, np.nan)
     kept, residual = np.isfinite(y), y - simulation.output
     clock = np.asarray(dt * np.arange(u.size), np.float64) if t is None else t
     one_step_fit = simulation.fit if simulation.is_prediction else fit_percent(y, y - one_step(residual))
@@ -177,10 +179,10 @@ def validate(
         clock,
         correlations(residual, v, lags) if _is_more_than_rounding(residual, y) else None,
         _by_frequency(model, v, residual, dt) if t is None else None,
-        _verdict(model, v, y, simulation.output, clock, r, dt, int((before == Doubt.STUCK).sum()), regular=t is None),
+        _verdict(model, v, y, simulation.output, clock, r, dt, int((doubt == Doubt.STUCK).sum()), regular=t is None),
         int(kept.sum()),
         simulation.is_prediction,
-        *(int((before == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK)),
+        *(int((doubt == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK)),
     )
 
 

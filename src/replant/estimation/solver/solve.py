@@ -8,8 +8,9 @@ own output takes their place.  Which outputs are bad is told with a model, so th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -27,6 +28,9 @@ from replant.numerics.levels import ALPHA, ROUNDING
 # a reading before the sensor is ready, and one more
 FIRST = 2  # first outputs that may be bad together [count]
 ROUNDS = 5  # times that a record is solved and its outputs judged, at the most [count]
+
+
+S = TypeVar("S")
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,35 +93,48 @@ def _solved(
     structure: Structure, record: Record, given: Sequence[FloatArray], *, afresh: bool, nested: bool
 ) -> Solution | None:
     """Solve a record, its outputs being judged by the model."""
-    answers, doubt = record.answers(structure.delay), suspected(record)
-    found = _first(structure, leaving_out(record, doubt), given, afresh=afresh, nested=nested)
-    if found is None and (doubt > Doubt.MISSING).any():  # as they came
-        doubt = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
-        found = _first(structure, leaving_out(record, doubt), given, afresh=afresh, nested=nested)
-    solution = None
-    for _ in range(ROUNDS):
-        if found is None:
-            break
+    answers = record.answers(structure.delay)
+
+    def solved(doubt: IntArray, before: Refined | None) -> Refined | None:
         used = leaving_out(record, doubt)
-        modelled = Problem(structure, used).run_whole(found.theta).output
-        bridged = np.where(used.is_measured, used.y, modelled)
-        solution = Solution(found, replace(used, y=bridged), doubt, bridged)
-        before, doubt = doubt, doubted(record, np.where(answers, modelled, np.nan), found.noise_model.coefficients)
-        if (doubt == before).all():
+        if before is not None:
+            return refine(structure, used, [before.theta])
+        # None where it has no samples, or input or reference is constant
+        return refine(structure, used, given, afresh=afresh, nested=nested) if given or _moves(used) else None
+
+    def modelled(found: Refined, doubt: IntArray) -> FloatArray:
+        return Problem(structure, leaving_out(record, doubt)).run_whole(found.theta).output
+
+    def told(found: Refined, doubt: IntArray) -> IntArray:
+        return doubted(record, np.where(answers, modelled(found, doubt), np.nan), found.noise_model.coefficients)
+
+    ends = in_turn(record.is_measured, suspected(record), solved, told)
+    if ends is None:
+        return None
+    used = leaving_out(record, ends[1])
+    bridged = np.where(used.is_measured, used.y, modelled(*ends))
+    return Solution(with_untold(structure, used, ends[0]), replace(used, y=bridged), ends[1], bridged)
+
+
+def in_turn(
+    known: BoolArray, doubt: IntArray, solved: Callable[[IntArray, S | None], S | None],
+    told: Callable[[S, IntArray], IntArray],
+) -> tuple[S, IntArray] | None:  # fmt: skip
+    """Return what outputs give without those in ``doubt``, which it tells anew, and the `Doubt` it was made with."""
+    # known: which outputs (K,) there are; where nothing comes of the others they are taken as they came
+    found, as_they_came = solved(doubt, None), np.where(known, Doubt.NONE, Doubt.MISSING)
+    if found is None and (doubt != as_they_came).any():
+        doubt = as_they_came
+        found = solved(doubt, None)
+    if found is None:
+        return None
+    for _ in range(ROUNDS - 1):
+        again = told(found, doubt)
+        other = None if (again == doubt).all() else solved(again, found)
+        if other is None:
             break
-        found = refine(structure, leaving_out(record, doubt), [found.theta])
-    if solution is None:
-        return None
-    return replace(solution, found=with_untold(structure, leaving_out(record, solution.doubt), solution.found))
-
-
-def _first(
-    structure: Structure, record: Record, given: Sequence[FloatArray], *, afresh: bool, nested: bool
-) -> Refined | None:
-    """Return the estimate of a record; None where it has no samples, or input or reference is constant."""
-    if not given and not _moves(record):
-        return None
-    return refine(structure, record, given, afresh=afresh, nested=nested)
+        found, doubt = other, again
+    return found, doubt
 
 
 def _moves(record: Record) -> bool:
