@@ -15,7 +15,7 @@ import numpy as np
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import InputMap, Preprocess
-from replant.model.structure import Structure
+from replant.model.structure import Structure, names_of, places_of
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import (
@@ -250,20 +250,14 @@ class RowFields(_Fields):
         put(self, "structures", tuple(instance("structures", each, Structure) for each in self.structures))
         count = len(self.structures)
         self._check(sum(each.size for each in self.structures))
-        if not iterable(self.input_names):
-            raise ArgumentTypeError(f"input_names must be a name for each input, got {shown(self.input_names)}")
-        names = tuple(self.input_names) or unnamed(count)
-        put(self, "input_names", tuple(text("input_names", name) for name in names))
-        if len(set(names)) != count or len(names) != count:
-            raise InvalidArgumentError(f"input_names must be {count} different names, got {shown(list(names))}")
+        put(self, "input_names", input_names_of(self.input_names, count))
         levels = self.input_levels if np.size(self.input_levels) else np.zeros(count)
         put(self, "input_levels", owned("input_levels", levels, (count,)))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters in their order, each with that of its input: a0.u1, b0.u1, a0.u2, .."""
-        each = zip(self.input_names, self.structures, strict=True)
-        return tuple(f"{parameter}.{name}" for name, structure in each for parameter in structure.names)
+        return names_of(self.structures, self.input_names)
 
     @property
     def input_name(self) -> tuple[str, ...]:
@@ -287,8 +281,17 @@ class RowFields(_Fields):
     @property
     def places(self) -> list[slice]:
         """Which of the parameters are those of each input."""
-        ends = np.cumsum([each.size for each in self.structures]).tolist()
-        return [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
+        return places_of(self.structures)
+
+
+def input_names_of(given: Any, count: int) -> tuple[str, ...]:
+    """Return the names of so many inputs, checked; those of `unnamed` where none are given."""
+    if not isinstance(given, list | tuple):
+        raise ArgumentTypeError(f"input_names must be a list or tuple of names, got {shown(given)}")
+    names = tuple(text("input_names", name) for name in given) or unnamed(count)
+    if len(set(names)) != count or len(names) != count:
+        raise InvalidArgumentError(f"input_names must be {count} different names, got {shown(list(names))}")
+    return names
 
 
 def unnamed(count: int) -> tuple[str, ...]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
@@ -139,3 +141,15 @@ class Structure:
     def numerator(self) -> slice:
         """Which of the parameters are b_m .. b_0."""
         return slice(self.poles, self.coefficients)
+
+
+def places_of(structures: Sequence[Structure]) -> list[slice]:
+    """Return which of the parameters of several inputs are those of each."""
+    ends = list(accumulate(each.size for each in structures))
+    return [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
+
+
+def names_of(structures: Sequence[Structure], inputs: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the parameters of several inputs, each with that of its input: a0.u1, b0.u1, a0.u2, .."""
+    pairs = zip(inputs, structures, strict=True)
+    return tuple(f"{parameter}.{name}" for name, structure in pairs for parameter in structure.names)

@@ -14,12 +14,12 @@ from replant.estimation.settings import STORED, check_kept
 from replant.fitting.miso_fit import RowFit, row_fit, structures_of
 from replant.fitting.miso_model import RowModel
 from replant.fitting.miso_solve import references_of
-from replant.fitting.model_fields import Provenance, unnamed
+from replant.fitting.model_fields import Provenance, input_names_of
 from replant.model.noise import NoiseModel
-from replant.model.structure import Structure
+from replant.model.structure import Structure, names_of, places_of
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
-from replant.numerics.arguments import FloatArray, array_of_reals, number, one_of, text, vector, whole
+from replant.numerics.arguments import FloatArray, array_of_reals, number, one_of, vector, whole
 from replant.numerics.limits import duration, stamps_of
 from replant.online.locking import Shared, Turn, changes, reads
 from replant.online.miso_newest_samples import NO_COLUMNS, newest_of
@@ -101,14 +101,7 @@ class RowIdentifier(Shared):
         structures = structures_of(inputs, poles, zeros, delay)
         history = whole("history", history, RECENT, STORED)
         startup = max(whole("startup", startup, 1, history), fewest(structures))
-        if not isinstance(input_names, list | tuple):
-            raise ArgumentTypeError(f"input_names must be a list or tuple of names, got {shown(input_names)}")
-        names = tuple(text("input_names", each) for each in input_names)
-        names = names or unnamed(len(structures))
-        if len(set(names)) != len(structures) or len(names) != len(structures):
-            raise InvalidArgumentError(
-                f"input_names must be {len(structures)} different names, got {shown(list(names))}"
-            )
+        names = input_names_of(input_names, len(structures))
         check_kept(max(each.delay for each in structures), duration("dt", dt))
         hold = one_of("input_hold", input_hold, ("zoh", "foh"))
         settings = RowSettings(structures, duration("dt", dt), startup, history, hold, names)
@@ -331,8 +324,7 @@ class RowIdentifier(Shared):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters in their order, each with that of its input: a0.u1, b0.u1, a0.u2, .."""
-        pairs = zip(self._settings.input_names, self.structures, strict=True)
-        return tuple(f"{parameter}.{name}" for name, each in pairs for parameter in each.names)
+        return names_of(self.structures, self._settings.input_names)
 
     @property
     def has_model(self) -> bool:
@@ -363,11 +355,9 @@ class RowIdentifier(Shared):
 
     def _parts(self) -> Iterator[tuple[Structure, FloatArray, FloatArray]]:
         """Yield structure, parameters and covariance of each input."""
-        begin, parameters, covariance = 0, self.parameters, self.covariance
-        for each in self.structures:
-            rows = slice(begin, begin + each.size)
+        parameters, covariance = self.parameters, self.covariance
+        for each, rows in zip(self.structures, places_of(self.structures), strict=True):
             yield each, parameters[rows], covariance[rows, rows]
-            begin += each.size
 
     @property
     def noise(self) -> NoiseModel | None:

@@ -20,7 +20,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, Branches
 from replant.estimation.simulation.miso_exogenous import Outside
 from replant.model.preprocess import accepted
-from replant.model.structure import Structure
+from replant.model.structure import Structure, places_of
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
@@ -62,9 +62,7 @@ class Row:
         self._shared = AuxiliaryModel(replace(structures[0], zeros=structures[0].poles - 1, delay=0.0), self.dt)
         self.nuisances = 1 + sum(each.poles for each in structures)
         self.stretches = tuple(self._stretches())
-        ends = np.cumsum([each.size for each in structures]).tolist()
-        # where the coefficients of each branch lie, of denominators of their own
-        self.places = [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
+        self.places = places_of(structures)  # of the coefficients of each branch, of denominators of their own
 
     @classmethod
     def of_one(cls, structure: Structure, record: Record) -> Row:
