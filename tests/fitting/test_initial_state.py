@@ -6,6 +6,7 @@ import numpy as np
 
 import replant as rp
 from replant.fitting.other_causes import gain_from_rest
+from replant.online.runs.run_log import judged_by_log
 from replant.signals import prbs
 from support.cases import every
 
@@ -13,14 +14,18 @@ REASON = "the initial state takes a part of the response"
 
 
 def step_test(seed: int, before: float = 0.0) -> rp.FitResult:
-    """A step test of 2 / (60 s + 1), an input before the record, under noise with a pole of .9."""
+    """The fit of a step test of 2 / (60 s + 1), an input before the record, under noise with a pole of .9."""
+    return rp.fit(*step_record(seed, before), 1.0, poles=1)
+
+
+def step_record(seed: int, before: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal(400)
     for k in range(1, 400):
         noise[k] = 0.9 * noise[k - 1] + 0.436 * noise[k]
     u = np.concatenate([np.full(1200, before), np.zeros(12), np.ones(388)])
     y = rp.TransferFunction([2.0 / 60.0], [1.0, 1.0 / 60.0]).simulate(u, 1.0)
-    return rp.fit(u[1200:], 20.0 + y[1200:] + 0.02 * noise, 1.0, poles=1)
+    return u[1200:], 20.0 + y[1200:] + 0.02 * noise
 
 
 def test_a_gain_that_rest_refutes_is_not_trusted() -> None:
@@ -30,6 +35,13 @@ def test_a_gain_that_rest_refutes_is_not_trusted() -> None:
     assert found.verdict.reasons[0].startswith(REASON)
     assert "from rest the gain is 2, not 1.79" in found.verdict.reasons[0]
     assert found.verdict.reasons[1:]  # those of the model
+
+
+def test_a_pass_over_the_log_says_so_too() -> None:
+    log = rp.Log(*step_record(59), 1.0)
+    verdict = judged_by_log(rp.run(log, poles=1), log).verdict
+    assert verdict.status == "converging"
+    assert verdict.reasons[0].startswith(REASON)
 
 
 @every("seed", range(6))

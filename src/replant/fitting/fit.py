@@ -281,6 +281,7 @@ def _refined_result(
         np.flatnonzero((doubt == Doubt.MISSING) & raw.made_use_of),
         filtered=found.noise.filters > 0.0,
         disagreement=found.disagreement,
+        slowness=found.slowness,
         loads=np.array(raw.loads, np.int64),
     )
 

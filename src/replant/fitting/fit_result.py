@@ -12,14 +12,12 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.filters import Filter, StateVariableFilter
-from replant.estimation.simulation.miso import Row
-from replant.estimation.solver.change_search import PlantChange, change_within
-from replant.estimation.solver.record_changes import find_plant_change
+from replant.estimation.solver.change_search import PlantChange
+from replant.estimation.solver.record_changes import plant_changed
 from replant.estimation.solver.refined_estimate import Refined
 from replant.fitting.model import Model, in_lines, with_picture
 from replant.fitting.model_fields import Identified, Provenance, has_rest
-from replant.fitting.other_causes import gain_from_rest, with_other_cause
-from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
+from replant.fitting.other_causes import judged_further
 from replant.kernels.schema import LAGUERRE
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import Preprocess
@@ -29,10 +27,8 @@ from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, quiet, sum_of_squares
 from replant.verdict import Assessment, Simulation, assess_record
 from replant.verdict.assess import MOST_SAMPLES
-from replant.verdict.estimate_tests import without_longer
-from replant.verdict.other_columns import OtherColumn, other_columns, with_other_columns
+from replant.verdict.other_columns import OtherColumn, other_columns
 from replant.verdict.residual_tests import COPIED, IDLE, Reference, fault_of
-from replant.verdict.sensor_and_excitation import FROM_REST, LOADS_ACT, LOADS_MAY_ACT, times_after
 
 WITHOUT = "the fit does without it"
 
@@ -93,6 +89,8 @@ class FitResult(Identified):
         Whether the model was found with the noise model as a filter.
     disagreement : float
         See `replant.estimation.solver.refined_estimate.Refined.disagreement`.
+    slowness : float
+        Likewise.
     usual_interval : float or None
         Median interval of the time stamps in s; None for a regular clock.
     others : mapping of str to (K,) array
@@ -127,6 +125,7 @@ class FitResult(Identified):
     input_level: float = 0.0
     filtered: bool = False
     disagreement: float = 0.0
+    slowness: float = 1.0
     usual_interval: float | None = None
     others: Mapping[str, FloatArray] = field(default_factory=dict)
     input_name: str = "u"
@@ -152,25 +151,16 @@ class FitResult(Identified):
             usual_interval=self.usual_interval,
             filtered=self.filtered,
             disagreement=self.disagreement,
+            slowness=self.slowness,
+            input_zero=-self.input_level,
             left_out=self.stuck.size,
             plant_change=self._plant_change if self.method == "srivc" else None,
+            loads=(self.rival or self)._loads_since,
+            undecided=self.rival is not None,
         )
-        if self.method == "srivc" and is_asked_for(verdict, self.structure):
-            verdict = with_fewer_poles(verdict, self.structure, self.parameters, self._kept)
-        if self.method == "srivc":
-            verdict = with_other_cause(verdict, self.structure, self.parameters, self._kept, self.input_level)
-        verdict = with_other_columns(verdict, self.other_columns)
-        if self.loads.size:
-            verdict = replace(verdict, reasons=(*verdict.reasons, LOADS_ACT.format(self._after)))
-        if self.rival is not None and verdict.status == "trusted":
-            reasons = LOADS_MAY_ACT.format(self.rival._after), *verdict.reasons
-            verdict = replace(verdict, status="converging", reasons=reasons)
-        trusted = verdict.status == "trusted"
-        if self.covariance is not None and (trusted or verdict.status == "converging"):
-            gain = gain_from_rest(self.structure, self.parameters, self.covariance, self._kept, trusted=trusted)
-            if gain is not None:
-                reasons = FROM_REST.format(gain, self.transfer_function.dc_gain), *without_longer(verdict).reasons
-                verdict = replace(verdict, status="converging", reasons=reasons)
+        verdict = judged_further(
+            verdict, self.structure, self.parameters, self.covariance, self._kept, self.input_level, self.other_columns
+        )
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
             return verdict
@@ -182,18 +172,16 @@ class FitResult(Identified):
         return other_columns(self.structure, self.parameters, self._kept, self.dt, self.others)
 
     @property
-    def _after(self) -> str:
-        """In words how long after the first sample other loads act."""
-        return times_after([self._kept.since_first(begin) for begin in self._kept.begins])
+    def _loads_since(self) -> tuple[float, ...]:
+        """How long after the first sample other loads act, in s."""
+        return tuple(self._kept.since_first(begin) for begin in self._kept.begins) if self.loads.size else ()
 
     @property
     def _plant_change(self) -> PlantChange | None:
         """That the plant has changed within the samples that the verdict looks at; None where it has not."""
-        if self.loads.size:
-            row = Row.of_one(self.structure, self._kept)
-            change = find_plant_change(row, self.parameters[: self.structure.coefficients])
-            return None if change is None else PlantChange(self._kept.u.size - change.begin)
-        return change_within(self.structure, self._kept.last(MOST_SAMPLES), self.parameters)
+        return plant_changed(
+            self.structure, self._kept, self.parameters, loads=bool(self.loads.size), most=MOST_SAMPLES
+        )
 
     @cached_property
     def model(self) -> Model:

@@ -35,7 +35,7 @@ from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.model_fields import has_rest
-from replant.fitting.structure_evidence import Evidence
+from replant.fitting.structure_evidence import Evidence, is_asked_for, with_fewer_poles
 from replant.logs.conditioning import outputs_from_rest
 from replant.model.structure import Structure
 from replant.model.uncertainty import Uncertainty, dc_gain_slope
@@ -45,7 +45,10 @@ from replant.numerics.linear_algebra import chi2_quantile, inner, products, pseu
 from replant.numerics.projections import WEAKEST, amounts_of
 from replant.numerics.robust import far_out
 from replant.verdict.assess import MOST_SAMPLES, assess_record
+from replant.verdict.estimate_tests import without_longer
+from replant.verdict.other_columns import OtherColumn, with_other_columns
 from replant.verdict.reasons import POOREST_FIT
+from replant.verdict.sensor_and_excitation import FROM_REST
 from replant.verdict.verdict import Assessment, percent
 
 # that of the intervals that are stated, within which the gain from rest is to lie
@@ -63,6 +66,25 @@ class Supposed(NamedTuple):
     numbers: int  # that were taken off
     reason: str  # before the fit of the model without
     advice: str
+
+
+def judged_further(
+    verdict: Assessment, structure: Structure, parameters: FloatArray, covariance: FloatArray | None, record: Record,
+    zero: float, columns: tuple[OtherColumn, ...],
+) -> Assessment:  # fmt: skip
+    """Return the verdict on a model (P,) of a whole record, of u - ``zero``, with what other models of it say."""
+    if covariance is not None:  # noise biases an estimate without one
+        if is_asked_for(verdict, structure):
+            verdict = with_fewer_poles(verdict, structure, parameters, record)
+        verdict = with_other_cause(verdict, structure, parameters, record, zero)
+    verdict = with_other_columns(verdict, columns)
+    if covariance is None or verdict.status not in ("trusted", "converging"):
+        return verdict
+    gain = gain_from_rest(structure, parameters, covariance, record, trusted=verdict.status == "trusted")
+    if gain is None:
+        return verdict
+    reason = FROM_REST.format(gain, structure.transfer_function(parameters).dc_gain)
+    return replace(verdict, status="converging", reasons=(reason, *without_longer(verdict).reasons))
 
 
 @quiet

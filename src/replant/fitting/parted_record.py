@@ -179,12 +179,6 @@ def _is_long(structure: Structure, whole: Solution) -> bool:
     return has_rest(g, whole.record.span) and whole.record.count > FEW * duration_of(noise)
 
 
-def plant_changes(structure: Structure, parted: Solution) -> bool:
-    """Return whether the plant seems to have changed where a stretch of a record of one input begins."""
-    theta = parted.found.theta[: structure.coefficients]
-    return find_plant_change(Row.of_one(structure, parted.record), theta) is not None
-
-
 def differ(structure: Structure, whole: Solution, parted: Solution) -> bool:
     """Return whether the outputs that two G(s) make of a record's input differ by what is noticed."""
     return outputs_differ(Problem(structure, whole.record), parted.found.theta, whole.found.theta)

@@ -245,13 +245,12 @@ class RawRecord:
     def simulated(self, model: TransferFunction, y: FloatArray) -> Simulation:
         """Return a model run from the input, offset and initial state fitted to the outputs (K,) that are not NaN."""
         linear_input = np.where(self.known, self.mapped - float(self.preprocess.input_offset), np.nan)
-        if not self._parts[1:]:
-            return simulate(model, linear_input, y, self.dt, input_hold=self.input_hold, t=self.stamps)
-        runs = [(rows, FittedRun(model, self.dt, self.input_hold)) for rows in self._parts]
-        stamps = self.stamps
-        parts = [run.take(linear_input[k], y[k], None if stamps is None else stamps[k]) for k, run in runs]
-        output, known = (np.concatenate(signals) for signals in zip(*parts, strict=True))
-        return Simulation(output, runs[0][1].offset, self.fit(known, known - output))
+        begins = [part.start for part in self._parts[1:]]
+        if not self.begins:
+            return simulate(model, linear_input, y, self.dt, input_hold=self.input_hold, t=self.stamps, begins=begins)
+        run = FittedRun(model, self.dt, self.input_hold, begins)
+        output, known = run.take(linear_input, y, self.stamps)
+        return Simulation(output, run.offset, self.fit(known, known - output))
 
     def fit(self, y: FloatArray, error: FloatArray) -> float:
         """Return the fit in percent of an output (K,) with an error (K,), each record around its own level."""

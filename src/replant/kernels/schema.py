@@ -140,6 +140,10 @@ class Doubt(IntEnum):
     MISSING = 3  # no output came
 
 
+# where a solution says that another load acts since
+LOAD = -1  # in place of the `Doubt` in a sample that is kept, and in none [number]
+
+
 class ColourSlots(Part):
     """Power and colour of the residual e; see `replant.kernels.monitoring.scatter`."""
 

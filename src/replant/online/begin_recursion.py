@@ -14,7 +14,7 @@ from replant.estimation.simulation.auxiliary_model import stability_margin
 from replant.estimation.solver.refined_estimate import Refined
 from replant.estimation.solver.solve import Solution
 from replant.estimation.solver.srivc_steps import FASTEST
-from replant.kernels.schema import BELIEVED, Doubt
+from replant.kernels.schema import BELIEVED, LOAD, Doubt
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import compose, factor_covariance, quiet
 
@@ -181,6 +181,15 @@ def note_doubts(state: State, solution: Solution, output: FloatArray | None = No
     recent.bridged[rows], recent.doubt[rows] = solution.bridged, solution.doubt
     measured = recent.output[rows] if output is None else output
     recent.output[rows] = np.where(solution.doubt == Doubt.MISSING, solution.bridged, measured)
+
+
+def note_loads(state: State, loads: tuple[int, ...], count: int) -> None:
+    """Note that other loads act since some of the newest ``count`` raw samples, each at the next in no doubt."""
+    rows = (state.samples - count + np.arange(count)) % len(state.recent)
+    doubt = RecentSamples(state.recent).doubt
+    sound = np.flatnonzero(doubt[rows] <= Doubt.NONE)
+    at = np.searchsorted(sound, loads)
+    doubt[rows[sound[at[at < sound.size]]]] = LOAD
 
 
 def clear_doubt(state: State, kept: RecentSamples) -> None:

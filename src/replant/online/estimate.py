@@ -205,6 +205,14 @@ class Estimate(Shared):
 
     @property
     @reads
+    def loads(self) -> tuple[int, ...]:
+        """Accepted samples before each load that `Identifier.finish` has found; none once samples follow."""
+        state = self._state
+        solved = state.finished_at == state.samples and not state.undecided
+        return RecentSamples.of(state, STORED).loads if solved else ()
+
+    @property
+    @reads
     def status(self) -> str:
         """One of "starting", "running", or "diverged": an update was undone because it would have left float64."""
         if self._settings is None:

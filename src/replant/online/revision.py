@@ -21,14 +21,15 @@ from replant.estimation.settings import STORED, Settings
 from replant.estimation.simulation.model_run import prediction_error, runs_away
 from replant.estimation.solver.change_contest import decided, is_sure
 from replant.estimation.solver.change_search import begin_of_change, change_at, change_within
+from replant.estimation.solver.record_changes import Parted
 from replant.estimation.solver.solve import Solution, solve
-from replant.fitting.parted_record import differ, plant_changes, solve_parted
+from replant.fitting.parted_record import differ, solve_parted
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import likelihood_ratio
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import quiet
-from replant.online.begin_recursion import restart_at
+from replant.online.begin_recursion import note_loads, restart_at
 from replant.online.change_response import (
     AGAIN,
     behind_loads,
@@ -183,7 +184,8 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     solution = solve(settings.structure, record, nested=True)
     if solution is None:
         return None
-    solution, new, undecided = _parted(old, settings, record, solution)
+    parted = _parted(old, settings, record, solution)
+    new = None if parted is None else _behind(old, settings, parted)
     if new is None:
         parameters = solution.found.theta[: settings.structure.size]
         if old.change.is_of_plant and change_within(settings.structure, solution.record, parameters):
@@ -192,24 +194,38 @@ def solve_whole(old: State, settings: Settings) -> State | None:
             return None
         new = restart_at(old, settings, solution, 0)
         new.gap_at = 0  # it was where an alarm ended: the record has no gap
-        new.change, new.changed_at, new.undecided = Supposition.NOTHING, 0, undecided
-    new.alarm, new.change_began, new.finished_at = Alarm.NONE, new.samples, new.samples
-    new.outliers, new.stuck = (int((solution.doubt == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK))
+        new.change, new.changed_at = Supposition.NOTHING, 0
+        new.undecided = False
+        _note_end(new, solution)
+        # where that may be right, and G(s) another one then, the one of all samples may not be trusted
+        if parted is not None and differ(settings.structure, solution, parted.solution):
+            new.undecided = True
+            note_loads(new, parted.loads, len(kept))
     return new
 
 
-def _parted(old: State, settings: Settings, record: Record, whole: Solution) -> tuple[Solution, State | None, bool]:
-    """Return the solution of a record, the state behind its last load, and whether loads leave G(s) in doubt."""
-    structure = settings.structure
+def _parted(old: State, settings: Settings, record: Record, whole: Solution) -> Parted[Solution] | None:
+    """Return a record that is parted at its loads; None where there are none."""
     if record.r is not None:
-        return whole, None, False
-    parted = solve_parted(
+        return None
+    structure = settings.structure
+    found = solve_parted(
         structure, whole, lambda loads: solve(structure, replace(record, begins=loads)), [old.physical]
     )
-    if not parted.loads or parted.solution is None:
-        return whole, None, False
-    if parted.is_sure and not plant_changes(structure, parted.solution):
-        state = behind_loads(old, settings, parted.solution)
-        if state is not None:
-            return parted.solution, state, False
-    return whole, None, differ(structure, whole, parted.solution)
+    return None if found.solution is None or not found.loads else Parted(found.solution, (), found.loads, found.is_sure)
+
+
+def _behind(old: State, settings: Settings, parted: Parted[Solution]) -> State | None:
+    """Return the state behind the last load of a parted record, where that is surely right and trusted."""
+    new = behind_loads(old, settings, parted.solution) if parted.is_sure else None
+    if new is None:
+        return None
+    _note_end(new, parted.solution)
+    note_loads(new, parted.loads, parted.solution.doubt.size)
+    return new if assess_running(new, settings, len(new.recent)).status == "trusted" else None
+
+
+def _note_end(state: State, solution: Solution) -> None:
+    """Note that a record has ended, and was solved as a whole."""
+    state.alarm, state.change_began, state.finished_at = Alarm.NONE, state.samples, state.samples
+    state.outliers, state.stuck = (int((solution.doubt == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK))

@@ -72,7 +72,9 @@ def newest_run(estimate: Estimate, newest: NewestSamples) -> tuple[Simulation, f
     preprocess = estimate.request.preprocess if estimate.settings is None else estimate.settings.preprocess
     u, model = u - _number(preprocess.input_offset), estimate.transfer_function
     t = None if newest.regular else np.cumsum(newest.intervals)
-    found = model_output(model, u, y, estimate.dt, input_hold=estimate.input_hold, t=t)
+    first = estimate.samples - u.size
+    begins = [load - first for load in estimate.loads if load > first]
+    found = model_output(model, u, y, estimate.dt, input_hold=estimate.input_hold, t=t, begins=begins)
     return found, found.fit if found.is_prediction else fit_percent(y, y - one_step(y - found.output))
 
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +28,8 @@ from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import GAP, SHORTEST_STEP, State
 from replant.estimation.settings import STORED, Request, Settings
 from replant.estimation.simulation.model_run import PER_COEFFICIENT
-from replant.estimation.solver.change_search import PlantChange, change_within
-from replant.kernels.schema import PAST, Doubt, Supposition
+from replant.estimation.solver.record_changes import plant_changed
+from replant.kernels.schema import PAST, Doubt
 from replant.model.structure import Structure
 from replant.model.uncertainty import cancelled_pole
 from replant.numerics.arguments import BoolArray, FloatArray
@@ -80,13 +81,9 @@ def assess_record(
     dt: float,
     covariance: FloatArray | None = None,
     *,
-    instruments: bool = True,
     unseen: bool = False,
     usual_interval: float | None = None,
-    filtered: bool | None = None,
-    disagreement: float = 0.0,
-    left_out: int = 0,
-    plant_change: PlantChange | None = None,
+    **noticed: Any,  # fields of `Evidence`
 ) -> Assessment:
     """Return the verdict on a model by a record: in sample, unless the model has not seen it."""
     irregular = record.intervals.size > 1
@@ -106,12 +103,8 @@ def assess_record(
         in_sample=not unseen,
         adapts=not unseen,
         finished=not unseen,
-        instruments=instruments,
-        filtered=filtered,
-        disagreement=disagreement,
-        left_out=left_out,
-        plant_change=plant_change,
         usual_interval=usual_interval or (float(np.median(record.intervals[1:])) if irregular else 0.0),
+        **noticed,
     )
     verdict = judge(evidence)
     if not rest:
@@ -164,80 +157,102 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     """Return the evidence for a verdict that a state holds."""
     from replant.kernels.monitoring import outliers
 
-    dt, size, origin, samples = settings.dt, settings.structure.size, state.record_began, state.samples
-    finished = state.finished_at == samples
-    raw = RecentSamples.of(state, STORED if finished else RECENT).cleaned()
+    dt, origin, samples = settings.dt, state.record_began, state.samples
+    if state.finished_at == samples:
+        return _of_solution(state, settings)
+    raw = RecentSamples.of(state).cleaned()
     in_use, intervals = _in_use(raw, state), raw.interval[-max(samples - origin, 1) :][1:]
-    kept = in_use if finished else in_use.since_last_gap(dt)
-    record = kept.without_stuck().record(dt, settings.filter.input_hold, parted=True)
-    is_well = finished or _is_well(kept)  # what is over is left out, and said
-    left_out = kept.is_bridged | kept.is_stuck if finished else kept.is_stuck  # as where the record was solved
-    if is_well and left_out.any():
-        record = replace(record, measured=record.is_measured & ~left_out)
+    kept = in_use.since_last_gap(dt)
+    record, is_well = kept.without_stuck().record(dt, settings.filter.input_hold, parted=True), _is_well(kept)
+    if is_well and kept.is_stuck.any():  # what is over is left out, and said
+        record = replace(record, measured=record.is_measured & ~kept.is_stuck)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
     record = record.answering(settings.structure.delay)
     newest = kept[len(kept) - record.u.size :]
-    learned, earlier = earlier_estimate(state, size)
-    known = covariance(state, settings)
     # the record begins where an alarm ended, without a change or a gap in time
     began = len(kept) == len(in_use) == samples - state.gap_at and state.gap_at > max(origin, state.changed_at)
     # an estimate that forgets has the uncertainty of its memory once a change is older than the newest samples
     follows, changed = state.past_step == SHORTEST_STEP, max(state.revised_from, origin)
-    return Evidence(
-        settings.structure,
-        dt,
-        record,
-        estimate=state.physical[:size],
-        covariance=known if np.isfinite(known).all() else None,
-        slowness=slowness(state, settings),
-        earlier=earlier,
-        unseen=min(samples - learned, record.u.size // 2),
-        learned=learned - origin,
-        refused=state.refused > 0,
-        adapts=state.adapt,
-        instruments=settings.instruments,
+    return replace(
+        _of_state(state, settings, record),
         follows=follows,
-        largest_power=state.largest_power,
         usual_power=state.usual_variance * settings.scaling.output**2 if state.noise_has_grown else 0.0,
         grown=samples - state.change_began if state.alarm else 0,
         after_change=changed > 0 and not (follows and samples - changed > RECENT),
         undecided=state.undecided > 0,
         begun_anew=samples - state.changed_at if state.change.is_of_plant and not state.undecided else 0,
-        after_alarm=not finished and began and bool(in_use.interval[0] <= GAP * dt),
-        trusted_before=state.trusted_at > 0,
-        since_trusted=samples - state.trusted_at,
-        finished=finished,
-        filtered=state.noise.filters > 0.0,
-        plant_change=_plant_change(settings, record, state) if finished else None,
-        disagreement=state.disagreement if finished else 0.0,
-        input_zero=-state.input_offset,
+        after_alarm=began and bool(in_use.interval[0] <= GAP * dt),
         missing=_missing(in_use),
-        stuck=not finished and bool(kept.is_stuck[-outliers.CALM :].any()),
-        left_out=state.stuck if finished else int(kept.is_stuck.sum()) if is_well else 0,
+        stuck=bool(kept.is_stuck[-outliers.CALM :].any()),
+        left_out=int(kept.is_stuck.sum()) if is_well else 0,
         usual_interval=float(np.median(intervals)) if intervals.size else 0.0,
-        # a solution of the whole record has left out what the sensor did not measure
-        measured=None if finished else newest.output.copy(),
-        bridged=newest.is_bridged if finished else newest.is_replaced,
+        measured=newest.output.copy(),
+        bridged=newest.is_replaced,
+    )
+
+
+def _of_solution(state: State, settings: Settings) -> Evidence:
+    """Return the evidence of a record that has ended, and was solved as a whole: that of `fit`."""
+    structure, kept = settings.structure, RecentSamples.of(state, STORED)
+    solved = kept.with_output(np.where(kept.is_bridged, kept.bridged, kept.output))
+    record = solved.record(settings.dt, settings.filter.input_hold, parted=True)
+    begins, intervals = kept.loads, record.intervals
+    if kept.is_bridged.any():
+        record = replace(record, measured=~kept.is_bridged)
+    if begins and not state.undecided:
+        record = replace(record, begins=begins).levelled
+    change = plant_changed(
+        structure, record, state.physical[: structure.size], loads=bool(record.begins), most=MOST_SAMPLES
+    )
+    evidence = _of_state(state, settings, record.answering(structure.delay))
+    return replace(
+        evidence,
+        finished=True,
+        plant_change=change,
+        loads=tuple(record.since_first(begin) for begin in begins),
+        undecided=state.undecided > 0,
+        disagreement=state.disagreement,
+        left_out=state.stuck,
+        missing=_missing(kept),
+        usual_interval=float(np.median(intervals[1:])) if intervals.size > 1 else 0.0,
+    )
+
+
+def _of_state(state: State, settings: Settings, record: Record) -> Evidence:
+    """Return the evidence of an estimate in use by a record, without what the monitoring has noticed."""
+    size, known = settings.structure.size, covariance(state, settings)
+    learned, earlier = earlier_estimate(state, size)
+    return Evidence(
+        settings.structure,
+        settings.dt,
+        record,
+        estimate=state.physical[:size],
+        covariance=known if np.isfinite(known).all() else None,
+        slowness=slowness(state, settings),
+        earlier=earlier,
+        unseen=min(state.samples - learned, record.u.size // 2),
+        learned=learned - state.record_began,
+        refused=state.refused > 0,
+        adapts=state.adapt,
+        instruments=settings.instruments,
+        largest_power=state.largest_power,
+        trusted_before=state.trusted_at > 0,
+        since_trusted=state.samples - state.trusted_at,
+        filtered=state.noise.filters > 0.0,
+        input_zero=-state.input_offset,
     )
 
 
 def judged(state: State, dt: float) -> BoolArray:
     """Return which of the raw samples kept (K,) the verdict uses: those since the last interruption, not bridged."""
     kept = RecentSamples.of(state)
-    used = _in_use(kept, state).since_last_gap(dt)
+    used = kept if state.finished_at == state.samples else _in_use(kept, state).since_last_gap(dt)
     return np.asarray((np.arange(len(kept)) >= len(kept) - len(used)) & ~(kept.is_bridged | kept.is_stuck))
 
 
 def _in_use(kept: RecentSamples, state: State) -> RecentSamples:
     """Return the raw samples since the record began anew, at least the newest one."""
     return kept[-max(state.samples - max(state.record_began, state.gap_at), 1) :]
-
-
-def _plant_change(settings: Settings, record: Record, state: State) -> PlantChange | None:
-    """Return that the plant has changed within a record of one model; None where it has not."""
-    if state.change is not Supposition.NOTHING:
-        return None
-    return change_within(settings.structure, record.last(MOST_SAMPLES), state.physical[: settings.structure.size])
 
 
 def _is_well(kept: RecentSamples) -> bool:

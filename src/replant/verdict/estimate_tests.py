@@ -37,8 +37,8 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MOST_SCATTER = math.sqrt(MATTERS)  # rms that the estimate's own error makes, at most [part of the output's]
-MINOR_SCATTER = 0.5 * MOST_SCATTER  # up to which the model is known whatever a coefficient is [part of the output's]
-MINOR_RESAMPLED = math.sqrt(0.5 * MATTERS)  # the same of a scatter that is not of first order [part of the output's]
+# up to which the model is known whatever a coefficient is [part of the output's]
+MINOR_SCATTER = math.sqrt(0.5 * MATTERS)
 # of field records' estimates 2.9 times as much at the most, and half as much at the least
 FIRST_ORDER = 3.0  # by how many times an estimate may scatter more, or less, than its covariance says [ratio]
 MOST_MOVED = math.sqrt(MATTERS)  # movement of a coefficient below which the estimate stands still [part of its size]
@@ -91,11 +91,10 @@ class Certainty:
         left = float(np.var(errors[0][evidence.newest])), float(np.var(errors[1][evidence.newest]))
         improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
         most = MOST_UNCERTAIN_IN_LOOP if closed else MOST_UNCERTAIN
-        scatter, minor = _scatter(evidence, runs, known, speeds, by_reference), MINOR_SCATTER
+        scatter = _scatter(evidence, runs, known, speeds, by_reference)
         if not closed and _is_in_doubt(evidence, scatter):
             structure, record, filtered = evidence.structure, evidence.record.joined, bool(evidence.filtered)
             scatter = resampled_scatter(structure, record, evidence.estimate, filtered=filtered)
-            minor = MINOR_RESAMPLED
         cancelled = cancelled_pole(evidence.structure, evidence.estimate, known)
         slow, surprise = slow_noise(evidence, uncertainty), _surprise(evidence, away, known)
         is_apart = evidence.is_solved and cancelled is None and surprise > 1.0
@@ -106,7 +105,7 @@ class Certainty:
         # where the input rests for most of the record, more rest tells nothing
         times = "repeat it {} times" if evidence.moving < evidence.samples / 2 else "record {} times as long"
         findings = uncertainty_findings(
-            uncertainty, most, math.inf if closed else scatter, cancelled, slow, more, times, minor
+            uncertainty, most, math.inf if closed else scatter, cancelled, slow, more, times
         )
         if not scatter <= MOST_SCATTER:
             reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
@@ -220,13 +219,13 @@ def without_longer(verdict: Assessment) -> Assessment:
 
 def uncertainty_findings(
     uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str, more: str,
-    times: str = "", minor: float = MINOR_SCATTER,
+    times: str = "",
 ) -> list[Finding]:  # fmt: skip
     """Say where a coefficient is not known well; no obstacle to trust where what the model does is known."""
     if uncertainty <= most and cancelled is None:
         return []
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
-    needed = min(uncertainty / most, scatter / minor)  # either makes it known
+    needed = min(uncertainty / most, scatter / MINOR_SCATTER)  # either makes it known
     advice = f"{more or longer(needed, 1.0, times)}, move the input more, or ask for fewer poles and zeros"
     if cancelled is not None:
         real = cancelled.real + 0.0  # not -0
@@ -234,7 +233,7 @@ def uncertainty_findings(
         if cancelled.imag:
             pole = f"zeros may cancel the poles near {real:.3g} +- {cancelled.imag:.3g}j"
         reason, advice = f"{pole} rad/s, so that the coefficients are not known", "ask for fewer poles and zeros"
-    if scatter <= minor:
+    if scatter <= MINOR_SCATTER:
         known = f"but the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output only"
         trust = "rely on G(s) where the input excites it, not on coefficients"
         return [Finding("trusted", f"{reason}, {known}: {trust}{'' if cancelled is None else ', or ' + advice}")]

@@ -55,6 +55,7 @@ from replant.verdict.residual_tests import (
     unexplained_before,
     unexplained_by_reference,
 )
+from replant.verdict.sensor_and_excitation import LOADS_ACT, LOADS_MAY_ACT
 from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, percent
 
 POOREST_FIT = 10.0  # simulated fit below which the input explains next to nothing: noise has four times its power [%]
@@ -179,8 +180,11 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
         evidence.seconds(evidence.missing) if evidence.missing > GAP else 0.0,
         evidence.stuck,
         evidence.seconds(evidence.grown) if evidence.grown else 0.0,
-        evidence.undecided,
+        evidence.undecided and not evidence.loads,
     )
+    if evidence.loads:
+        status, reason = ("converging", LOADS_MAY_ACT) if evidence.undecided else ("trusted", LOADS_ACT)
+        findings.append(Finding(status, reason.format(sensor_and_excitation.times_after(evidence.loads))))
     if evidence.begun_anew:
         findings.append(sensor_and_excitation.followed_finding(evidence.seconds(evidence.begun_anew)))
     change = evidence.plant_change

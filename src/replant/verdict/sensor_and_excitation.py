@@ -10,6 +10,7 @@ Sources: Ljung (1999), "System Identification: Theory for the User", sections 13
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -228,7 +229,7 @@ def followed_finding(seconds: float) -> Finding:
     return Finding("trusted", f"the plant changed {duration(seconds)} ago: the estimate is that of the samples since")
 
 
-def times_after(seconds: list[float]) -> str:
+def times_after(seconds: Sequence[float]) -> str:
     """Return in words how long after the first sample something happened, perhaps several times."""
     return f"{', '.join(duration(each) for each in seconds)} after the first sample"
 

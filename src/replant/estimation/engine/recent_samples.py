@@ -11,7 +11,7 @@ import numpy as np
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.engine.record import Record, gaps_of
 from replant.estimation.engine.state import GAP, State
-from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, REFERENCE, STEP, Doubt
+from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, LOAD, OUTPUT, REFERENCE, STEP, Doubt
 from replant.numerics.arguments import BoolArray, FloatArray
 
 # what lasts longer may be the plant; a solution of the record tells as many apart
@@ -112,6 +112,11 @@ class RecentSamples:
     def is_replaced(self) -> BoolArray:
         """Whether the output of each sample says nothing of the plant: it is the model's, or that of a stuck sensor."""
         return np.asarray(self.is_stuck | (self.is_bridged & (self.output == self.bridged)))
+
+    @property
+    def loads(self) -> tuple[int, ...]:
+        """Samples since which another load acts, as a solution of the record has found it."""
+        return tuple(np.flatnonzero(self.doubt == LOAD).tolist())
 
     @property
     def doubted(self) -> float:

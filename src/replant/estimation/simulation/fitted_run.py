@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -78,10 +79,10 @@ def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
 
 def simulate(
     model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, *, input_hold: str = "zoh",
-    t: FloatArray | None = None,
+    t: FloatArray | None = None, begins: Sequence[int] = (),
 ) -> Simulation:  # fmt: skip
-    """Run a model from the input alone, with the offset and initial state that fit ``y`` best (least squares)."""
-    run = FittedRun(model, dt, input_hold)
+    """Run a model from the input alone, offset and initial state fitted to ``y``, others since ``begins``."""
+    run = FittedRun(model, dt, input_hold, begins)
     output, known = run.take(u, y, t)
     if not (np.isfinite(output).all() and np.isfinite(known).any()):
         return Simulation(np.full(u.size, np.nan), 0.0, -math.inf)
@@ -121,13 +122,19 @@ class Part(NamedTuple):
 
 
 class FittedRun:
-    """Runs a model over a record batch by batch, the offset fitted to the first, a state to the rest of its batch."""
+    """Runs a model over a record batch by batch, the offset fitted to the first, a state to the rest of its batch.
 
-    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
-        self._model, self._dt, self._hold = model, dt, input_hold
+    At ``begins``, samples of the first batch, the run begins anew: with another load, or another record.
+    """
+
+    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh", begins: Sequence[int] = ()) -> None:
+        self._model, self._dt, self._hold, self._begins = model, dt, input_hold, begins
+        self._begin()
+
+    def _begin(self) -> None:
         self._response: Response | None = None
         self._input, self._last, self._told = 0.0, math.nan, math.nan  # times of the last sample and the last input
-        self._state = np.zeros(model.den.size - 1)
+        self._state = np.zeros(self._model.den.size - 1)
         self.offset = 0.0
 
     @quiet
@@ -135,6 +142,8 @@ class FittedRun:
         """Take the next samples (K,); return the model's output (K,), and the measured one (K,)."""
         if u.size == 0:
             return u.copy(), y.copy()
+        if self._begins:
+            return self._take_parts([slice(*rows) for rows in pairwise([0, *self._begins, u.size])], u, y, t)
         first, told = self._response is None, np.isfinite(u)
         intervals = None if t is None else np.diff(t, prepend=t[0] - self._dt if first else self._last)
         gaps, is_blind = self._gaps(told, t)
@@ -156,6 +165,17 @@ class FittedRun:
                 )
             modelled.append(part.output(self.offset, self._state))
         return np.concatenate(modelled), np.concatenate([part.known for part in parts])
+
+    def _take_parts(
+        self, parts: list[slice], u: FloatArray, y: FloatArray, t: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        self._begins, outputs, known = (), [], []
+        for rows in parts:
+            self._begin()
+            output, measured = self.take(u[rows], y[rows], None if t is None else t[rows])
+            outputs.append(output)
+            known.append(measured)
+        return np.concatenate(outputs), np.concatenate(known)
 
     def _gaps(self, told: BoolArray, t: FloatArray | None) -> tuple[list[int], BoolArray]:
         """Return the samples of a batch behind gaps of its clock, or of inputs (K,) not ``told``; and those within."""

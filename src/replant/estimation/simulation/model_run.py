@@ -10,6 +10,7 @@ The predicted output, which makes e zero, depends on past outputs; it then takes
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -109,12 +110,12 @@ def run_model(
 
 def model_output(
     model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, *, input_hold: str = "zoh",
-    t: FloatArray | None = None,
+    t: FloatArray | None = None, begins: Sequence[int] = (),
 ) -> Simulation:  # fmt: skip
     """Return the output of a model beside a record, offset and initial state fitted to the measured output."""
     span = dt * (u.size - 1) if t is None else float(t[-1] - t[0])
     if not runs_away(model.den, span):
-        return simulate(model, u, y, dt, input_hold=input_hold, t=t)
+        return simulate(model, u, y, dt, input_hold=input_hold, t=t, begins=begins)
     output = predicted(model, dt, input_hold, u, y, t)[0]
     return Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
 
@@ -166,8 +167,11 @@ class Score:
     :math:`e_{k-i} e_{k-j}`: the fit one step ahead needs no second pass either.
     """
 
-    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh", *, predicts: bool = False) -> None:
-        self._run = FittedRun(model, dt, input_hold)
+    def __init__(
+        self, model: TransferFunction, dt: float, input_hold: str = "zoh", begins: Sequence[int] = (),
+        *, predicts: bool = False,
+    ) -> None:  # fmt: skip
+        self._run = FittedRun(model, dt, input_hold, begins)
         # of a model that runs away the output is predicted, offset and initial state fitted to each batch
         self._take = partial(predicted, model, dt, input_hold) if predicts else self._run.take
         self._dt, self._last = dt, math.nan

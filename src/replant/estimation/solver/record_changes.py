@@ -13,8 +13,10 @@ from dataclasses import replace
 from functools import partial
 from typing import Generic, NamedTuple, TypeVar
 
+from replant.estimation.engine.record import Record
 from replant.estimation.simulation.miso import Row, evaluate, noise_of
 from replant.estimation.solver.change_evidence import weighed
+from replant.estimation.solver.change_search import PlantChange, change_within
 from replant.estimation.solver.miso_change import (
     Change,
     Judge,
@@ -26,6 +28,7 @@ from replant.estimation.solver.miso_change import (
     worth_of_lags,
 )
 from replant.estimation.solver.miso_steps import refine
+from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
@@ -173,6 +176,17 @@ def find_plant_change(row: Row, theta: FloatArray) -> Change | None:
     """Return where the plant is surest to have changed, of the samples where a stretch begins; None where nowhere."""
     found = (plant_change(row, stretch.rows.start, theta) for stretch in row.stretches[1:] if row.outside is None)
     return max((each for each in found if each is not None), key=lambda each: each.evidence, default=None)
+
+
+@quiet
+def plant_changed(
+    structure: Structure, record: Record, parameters: FloatArray, *, loads: bool, most: int
+) -> PlantChange | None:
+    """Return that the plant has changed in a record that was solved: since a load, or else in its newest samples."""
+    if not loads:
+        return change_within(structure, record.last(most), parameters)
+    found = find_plant_change(Row.of_one(structure, record), parameters[: structure.coefficients])
+    return None if found is None else PlantChange(record.u.size - found.begin)
 
 
 def _within(stretch: Row, first: int, judge: Judge) -> Change | None:

@@ -146,6 +146,8 @@ class Refined:
     reference: ReferenceSlots | None  # what the reference explains of input and output
     explained: float  # part of the input's power that it explains; NaN without one
     misfit: float  # J in variances of the innovation: chi-squared, 12 less the coefficients, where the model is right
+    # largest standard deviation of a parameter over that which the residual's power and colour predict, as in drift
+    slowness: float = 1.0
     disagreement: float = 0.0  # see `specification_test.disagreement`; 0 unless the filtered estimate was given up
 
     @property
@@ -218,7 +220,9 @@ def conclude(
     uncertainty = relative_uncertainty(structure, model, covariance, done.phi, record)
     entries = size - structure.poles
     path = path_of_record(zeta, white, model, before, prior.pull(model), entries)
+    coloured = np.diag(covariance)[: structure.size]
     covariance = no_less_than_scattered(covariance, scatter_of(path, model, compose(upper, diagonal), entries))
+    slowness = float(np.sqrt(np.diag(covariance)[: structure.size] / coloured).max()) if (coloured > 0.0).all() else 1.0
     covariance = without_rounding(covariance)  # a surplus pole that is infinitely fast leaves few digits of it
     slots = _noise(noise, size, filters=root.filters)
     misfit, share, reference = (root.misfit / innovation if innovation > 0.0 else 0.0, math.nan, None)
@@ -227,7 +231,7 @@ def conclude(
     rightmost = record.dt * float(roots(np.concatenate([[1.0], model[structure.denominator]])).real.max())
     refined = Refined(
         model, upper, diagonal, covariance, variance, innovation, root.converged, root.ends, uncertainty,
-        rightmost, colour, path, slots, reference, share, misfit,
+        rightmost, colour, path, slots, reference, share, misfit, slowness,
     )  # fmt: skip
     return refined if refined.is_finite else None
 

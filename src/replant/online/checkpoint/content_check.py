@@ -32,6 +32,7 @@ from replant.kernels.schema import (
     LAGS,
     LARGEST,
     LAYOUT,
+    LOAD,
     PAST,
     ROWS,
     ColourSlots,
@@ -230,7 +231,7 @@ def _raw_samples_are_sound(state: State) -> bool:
     known = (np.abs(kept.input) <= LARGEST) & (np.abs(kept.output) <= LARGEST)
     known &= (kept.interval > 0.0) & (kept.interval <= interruptions.LONGEST * state.interval)
     if state.examines_output:
-        known &= np.isin(kept.doubt, list(Doubt))
+        known &= np.isin(kept.doubt, [*Doubt, LOAD])
     if state.has_reference:
         known &= (np.abs(kept.reference) <= LARGEST) & (abs(state.reference_now) <= LARGEST)
     return bool(known.all())

@@ -188,6 +188,8 @@ class Result:
         Of a record that is too long for memory; the simulation then holds only its newest samples.
     left_out : (R, 2) array of int
         Samples that the fits leave out, as rows [begin, end) of the record: bridged, rejected, or without an output.
+    loads : (N,) array of int
+        Samples of the record since which another load acts: offset and initial state are other ones.
     finished : bool
         Whether an online run ended with `Identifier.finish`.
     clock : Clock or None
@@ -209,6 +211,7 @@ class Result:
     history: History | None = None
     overview: Overview | None = None
     left_out: IntArray = field(default_factory=NONE.copy)
+    loads: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     finished: bool = False
     clock: Clock | None = None
     weights: tuple[tuple[Structure, float], ...] = ()
@@ -298,5 +301,6 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float,
         fitted.verdict,
         time.perf_counter() - begun,
         left_out=stretches_of(~used),
+        loads=fitted.loads,
         clock=Clock.of(fitted.dt, t),
     )

@@ -113,7 +113,8 @@ def run_source(
     bridged.note()
     bridged.note_again()
     settings, verdict = identifier.settings, identifier.assess()
-    tested = _Tested(identifier, source.samples, newest, ends[1] - ends[0] if ends else dt * (done - 1))
+    span = ends[1] - ends[0] if ends else dt * (done - 1)
+    tested = _Tested(identifier, source.samples, newest, span, bridged.loads.tolist())
     for u, y, t in _pieces(source, irregular=irregular):
         tested.take(u, y, t, bridged.stretches)
         progress(TESTING, tested.record.samples)
@@ -122,7 +123,7 @@ def run_source(
         model_of(identifier, simulation, tested.score.one_step, verdict), tested.score.one_step, simulation,
         identifier.samples, identifier.rejected, verdict, time.perf_counter() - begun, settings,
         None if kept is None else kept.history, tested.record.overview(tested.score.shift),
-        np.concatenate(tested.left_out), finished, tested.clock.clock,
+        np.concatenate(tested.left_out), bridged.loads, finished, tested.clock.clock,
         () if bank is None else tuple(zip(bank.structures, bank.weights.tolist(), strict=True)),
         () if bank is None else bank.leads,
     )  # fmt: skip
@@ -189,6 +190,7 @@ class _Bridged:
         self._found = [NONE]
         self._all: list[BoolArray] = []  # accepted ones of the whole record, while it is short enough to be solved
         self._seen = 0
+        self.loads = np.zeros(0, np.int64)  # samples since which another load acts
 
     def take(self, u: FloatArray, y: FloatArray) -> None:
         """Take the samples (K,) that the identifier has just been given."""
@@ -214,7 +216,9 @@ class _Bridged:
         """Note what the solution of the whole record has left out, in place of what was bridged on the way."""
         left_out = self._identifier.left_out
         if left_out.size and self._all:
-            self._found = [_stretches_among(np.concatenate(self._all), left_out)]
+            accepted = np.concatenate(self._all)
+            self._found = [_stretches_among(accepted, left_out)]
+            self.loads = np.flatnonzero(accepted)[list(self._identifier.loads)]
 
     @property
     def stretches(self) -> IntArray:
@@ -233,12 +237,14 @@ def _stretches_among(accepted: BoolArray, doubted: BoolArray, first: int = 0) ->
 class _Tested:
     """The second pass: the model beside the record, its fits, and which samples they leave out."""
 
-    def __init__(self, identifier: Identifier, samples: int, newest: int | None, span: float) -> None:
+    def __init__(
+        self, identifier: Identifier, samples: int, newest: int | None, span: float, loads: Sequence[int]
+    ) -> None:
         settings, request = identifier.settings, identifier.request
         hold = settings.filter.input_hold if settings else "zoh"
         model, dt = identifier.transfer_function, identifier.dt
         self._predicts = runs_away(model.den, span)
-        self.score = Score(model, dt, hold, predicts=self._predicts)
+        self.score = Score(model, dt, hold, loads, predicts=self._predicts)
         self.record, self.left_out = Recorder(samples, newest), [NONE]
         self.clock = ClockRecorder(identifier.dt, samples, samples if newest is None else KNOTS)
         self._preprocess, self._chosen = request.preprocess, settings.preprocess if settings else None

@@ -17,10 +17,9 @@ from replant.estimation.settings import AUTO, Request, filter_for
 from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult
 from replant.fitting.miso_fit import RowFit
-from replant.fitting.other_causes import with_other_cause
+from replant.fitting.other_causes import judged_further
 from replant.fitting.samples import RawRecord
 from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
-from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
 from replant.logs.log import Log
 from replant.model.interop import in_our_words
 from replant.model.preprocess import Preprocess
@@ -32,7 +31,7 @@ from replant.online.bank_members import asked_for
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_online
 from replant.online.runs.run_miso import run_row
-from replant.verdict.other_columns import other_columns, with_other_columns
+from replant.verdict.other_columns import other_columns
 from replant.verdict.verdict import Verdict
 
 AT_REST = Preprocess("identity", "mean", "mean")
@@ -144,24 +143,22 @@ def run(
 
 
 def judged_by_log(result: Result, log: Log) -> Result:
-    """Return the result of a run over a whole log; its verdict names fewer poles, and columns that explain the rest."""
+    """Return the result of a run over a whole log; its verdict is told by all of that, as the one of `fit` is."""
     settings = result.settings
-    smaller, distrusted = is_asked_for(result.verdict, result.structure), result.verdict.status != "trusted"
-    if not (log.others or smaller or distrusted) or settings is None or not result.parameters.any() or log.earlier:
+    if settings is None or not result.parameters.any() or log.earlier:
         return result
     y = np.where(flags_of(result.left_out, 0, log.output.size), np.nan, log.output)
-    raw = RawRecord(result.structure, log.dt, settings.preprocess, log.input, y, log.stamps, settings.filter.input_hold)
+    hold, loads = settings.filter.input_hold, tuple(result.loads.tolist())
+    raw = RawRecord(result.structure, log.dt, settings.preprocess, log.input, y, log.stamps, hold, loads=loads)
     if not raw.usable.any():
         return result
-    record, verdict = raw.made_ready(None), result.verdict
-    if smaller and settings.instruments:
-        verdict = with_fewer_poles(verdict, result.structure, result.parameters, raw.made_ready(log.reference))
-    if settings.instruments and log.reference is None:
-        level = raw.input_level(record)
-        verdict = with_other_cause(verdict, result.structure, result.parameters, record, level)
+    record = raw.made_ready(log.reference)
     others = {name: signal[raw.made_use_of] for name, signal in log.others.items()}
     found = other_columns(result.structure, result.parameters, record, log.dt, others)
-    verdict = with_other_columns(verdict, found)
+    known = result.covariance if settings.instruments else None
+    verdict = judged_further(
+        result.verdict, result.structure, result.parameters, known, record, raw.input_level(record), found
+    )
     kept = Verdict(verdict.status, verdict.reasons, verdict.excited)
     return replace(result, verdict=verdict, model=replace(result.model, verdict=kept))
 
