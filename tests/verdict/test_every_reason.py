@@ -131,6 +131,14 @@ def changed(gain: float, *, more: int, load: float = 0.0) -> tuple[Array, Array]
     return u, y + 0.05 * noise(3, 6000)
 
 
+def by_schedule(size: float, period: float = 1.0) -> Verdict:
+    """Of an input that is on for a part of each day, by other amounts, beside a wave of so many days."""
+    days = DT * np.arange(SAMPLES) / 10.0
+    u = np.where(days % 1.0 < 0.4, np.random.default_rng(4).uniform(0.8, 1.2, 16)[days.astype(int)], 0.0)
+    y = LAG.simulate(u, DT) + size * np.sin(2.0 * np.pi * days / period + 1.0)
+    return fit(u, y + 0.02 * noise(4))
+
+
 def drifting(gain: float) -> tuple[Array, Array]:
     """A gain that grows steadily from one."""
     u = binary(3, 6000, 8)
@@ -274,6 +282,10 @@ PAIRS: dict[str, Pair] = {
     "before its row: a coefficient differs by": (
         lambda: fit(HELD, np.append(out(HELD, part=0.2)[1:], 0.0)),
         lambda: fit(HELD, out(HELD, part=0.2)),
+    ),
+    "a disturbance that has the input's period": (
+        lambda: by_schedule(0.06),
+        lambda: by_schedule(0.06, period=1.7),  # the weather of another star
     ),
     "than the model says": (
         lambda: run(U, out(np.append(0.0, U)[:SAMPLES])),

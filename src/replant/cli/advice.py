@@ -194,6 +194,9 @@ def _repeat(words: str, *without: str, **options: object) -> Callable[[Situation
 
 _rows = partial(_look, words="look which of input and output a row records first; move the output down")
 _move = partial(_look, words="move the input and record again; what it did in this record")
+_rhythm = partial(
+    _look, words="move the input in another rhythm and record again; look what else could move the output"
+)
 _sensor = partial(_look, words="look at the output: check the sensor, its range and its cable")
 _clock = _repeat("let the time stamps count", "dt")
 _straight = _repeat("take the input for a straight line between its samples", input_hold="foh")
@@ -221,6 +224,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"run straight between|runs straight between", _straight),
     (r"before its row|where a controller opposes it", _rows),
     (r"than the model says", _dead_time),
+    (r"has the input's period", _rhythm),
     (r"the initial state takes a part", _at_rest),
     (
         r"the reference (stands still|is a copy|explains nothing|follows|is not needed)|did not come to rest",

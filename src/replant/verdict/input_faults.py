@@ -8,6 +8,7 @@
 | the input runs straight between its samples | the output with such an input, less that with a held one |
 | the input acts later or earlier | the derivative of the output by the dead time |
 | the input acts on its own row | the input |
+| a disturbance has its period | cosine and sine of its strongest line |
 
 A linear model is right behind a curve only as far as that is straight.  What other dynamics could explain is taken away
 first: it is then the model that is wrong.  An input of two levels cannot tell: all curves through two points are
@@ -47,10 +48,13 @@ from replant.verdict.residual_tests import (
     unexplained,
     unexplained_by_reference,
 )
-from replant.verdict.verdict import Finding, percent
+from replant.verdict.verdict import Finding, duration, percent
 
 WIDTHS = (0.2, 0.5)  # half widths of plays: two explain most of any between 0.1 and 0.7 [part of the largest input]
 SMOOTH = 1.5  # of second over first differences: 2 of single steps, 3 of noise, w^2 of a sine of w [ratio of powers]
+
+FINER = 4  # frequencies between two that the record resolves: a wave is then off by at most a twentieth [count]
+CYCLES = 2  # periods within the record from which on a wave can be told from a drift [count]
 
 # midway between half a sample, which an input that runs straight seems to act early, and a whole one
 EARLY = 0.75  # time before its row from which on an input acts too early for any model [sampling times]
@@ -154,12 +158,39 @@ def direct_findings(evidence: Evidence, runs: Runs, loop: Loop) -> list[Finding]
     return [Finding(status, f"{ALONG}; with a direct path a coefficient differs by {percent(told.size)}: {advice}")]
 
 
+def rhythm_findings(evidence: Evidence, runs: Runs, part: Explained, loop: Loop) -> list[Finding]:
+    """Say where a disturbance with the input's period explains more surely than ``part``, and moves coefficients."""
+    if loop.reference is not None:
+        return []
+    period, waves = _waves(evidence)
+    told = Acting.of(evidence, runs, loop).told(waves[evidence.known]) if waves.size else None
+    if told is None or not (told.statistic > part.statistic and told.size > FARTHEST):
+        return []
+    reason = f"a disturbance that has the input's period, {duration(period)}, would explain what the model leaves, and"
+    reason += f" with it a coefficient differs by {percent(told.size)}"
+    return [Finding("inconsistent", f"{reason}: move the input in another rhythm, or record the disturbance, too")]
+
+
+def _waves(evidence: Evidence) -> tuple[float, FloatArray]:
+    """Return the period in s of the strongest line of the input, and waves (K, 2) of it; none of a record too short."""
+    record = evidence.record
+    times = np.cumsum(record.intervals) if record.intervals.size > 1 else record.dt * np.arange(record.u.size)
+    even = np.linspace(times[0], times[-1], times.size)
+    lines = np.abs(np.fft.rfft(np.interp(even, times, record.u - record.u.mean()), FINER * times.size))
+    first = FINER * CYCLES
+    if lines.size <= first:
+        return 0.0, np.zeros((times.size, 0))
+    omega = 2.0 * math.pi * (first + int(np.argmax(lines[first:]))) / (FINER * (even[1] - even[0]) * times.size)
+    return 2.0 * math.pi / omega, np.column_stack([np.cos(omega * times), np.sin(omega * times)])
+
+
 @dataclass(frozen=True)
 class Told:
     """A signal that acts on the output beside the model."""
 
     weight: float  # of it
     size: float  # by how much a coefficient differs, as a part of it
+    statistic: float  # over its limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,18 +220,18 @@ class Acting:
         rows = self.evidence.known
         return np.hstack([self.slopes[rows], self.runs.now.nuisances[rows]])
 
-    def told(self, column: FloatArray) -> Told | None:
-        """Return what a column (J, 1) beside the model changes; None where it explains nothing to speak of."""
+    def told(self, columns: FloatArray) -> Told | None:
+        """Return what columns (J, C) beside the model change; None where they explain nothing to speak of."""
         evidence, reference = self.evidence, self.loop.reference
         residual = residual_of(evidence, self.runs.now.error[evidence.known], self.known)
-        found = residual.explained(column)
+        found = residual.explained(columns)
         made = (evidence.record.y if reference is None else reference.output)[evidence.known]
         if not (found.is_sure and found.power > NEGLIGIBLE * power_of(evidence, made)):
             return None
-        step = -residual.weights_of(column)[: evidence.coefficients, 0] * found.weights[0]
+        step = -residual.weights_of(columns)[: evidence.coefficients] @ found.weights
         by_reference = None if reference is None else reference.output
         speeds = Speeds.of(evidence, self.loop.is_closed, by_reference).poles
-        return Told(float(found.weights[0]), self.runs.size(step, speeds))
+        return Told(float(found.weights[0]), self.runs.size(step, speeds), found.statistic)
 
 
 def _later(evidence: Evidence, output: FloatArray, *, past: bool) -> FloatArray:

@@ -46,7 +46,13 @@ from replant.verdict.evidence import (
     is_copy,
 )
 from replant.verdict.held_output import held_output_findings
-from replant.verdict.input_faults import actuator_findings, dead_time_findings, direct_findings, hold_findings
+from replant.verdict.input_faults import (
+    actuator_findings,
+    dead_time_findings,
+    direct_findings,
+    hold_findings,
+    rhythm_findings,
+)
 from replant.verdict.residual_tests import (
     COLOURED,
     Loop,
@@ -288,9 +294,9 @@ def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -
     else:
         part, source = unexplained(evidence, runs, feedback=closed), "input"
     figures |= {"explained": part.power, "explained_limit": part.statistic}
-    late = dead_time_findings(evidence, runs, part, loop)
-    if late:
-        return late
+    named = rhythm_findings(evidence, runs, part, loop) or dead_time_findings(evidence, runs, part, loop)
+    if named:
+        return named
     if not part.is_sure or part.power < NEGLIGIBLE:
         return []
     reason = f"the {source} could explain another {percent(min(part.power, 1.0))} of the output's power"
