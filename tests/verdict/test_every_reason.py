@@ -22,6 +22,7 @@ from replant.verdict import Verdict, assess_record
 from replant.verdict.evidence import Evidence
 from replant.verdict.other_columns import other_columns, with_other_columns
 from replant.verdict.reasons import judge
+from support.bending import lagging, rubbing
 from support.builders import binary
 from support.cases import every
 from support.loops import DT as LOOP_DT
@@ -274,6 +275,14 @@ PAIRS: dict[str, Pair] = {
     "the output is held from report to report": (
         lambda: fit(U, np.repeat(out(U)[::6], 6)),
         lambda: fit(U, np.round(out(U), 1)),
+    ),
+    "the plant acts otherwise at other levels: within those of the record G differs by x % at least": (
+        lambda: fit(U, lagging(U, DT, lambda y: 0.4 * y)),
+        lambda: fit(U, out(U)),
+    ),
+    "the plant seems to have dry friction: without it a coefficient differs by x %": (
+        lambda: fit(U, rubbing(U, DT, 1.0, 0.1), TWO),
+        lambda: fit(U, rubbing(U, DT, 1.0, 0.0), TWO),
     ),
     "the input seems to run straight between its samples": (
         lambda: run(smooth(), out(smooth(), ZERO, input_hold="foh"), rp.Structure(2, 1)),

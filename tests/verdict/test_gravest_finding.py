@@ -164,7 +164,7 @@ def test_a_small_part_that_is_left_is_a_caveat() -> None:
         fitted = rp.fit(U, y, DT, STRUCTURE)
         verdict = assess_record(STRUCTURE, fitted.parameters, Record(U, y, np.array([DT])), DT, fitted.covariance)
         assert (verdict.status == "trusted") == (status != "wrong"), verdict
-        assert ("could explain another" in " ".join(verdict.reasons)) == (status != "")
+        assert ("acts otherwise at other levels" in " ".join(verdict.reasons)) == (status != "")
 
 
 def test_the_gravest_finding_comes_first_and_trust_only_without_any() -> None:

@@ -21,7 +21,7 @@ Soc. 44; Ljung (1999), "System Identification: Theory for the User", sections 16
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,6 +42,7 @@ class Explained:
     statistic: float = 0.0  # over its limit: above 1 the part is no chance
     chance: float = 1.0  # of so large a part in a residual that the noise model whitens, by the F distribution
     spread: float = math.inf  # standard deviation of the weight of a single column
+    roots: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # (C, R): R R' is the covariance of the weights
 
     @property
     def is_sure(self) -> bool:
@@ -106,6 +107,12 @@ class Residual:
         along = products(self.white_known, self._whitened(columns))
         return np.asarray(self.from_known @ (self.from_known.T @ along) / self.lengths[:, None])
 
+    def left_of(self, columns: FloatArray, weights: FloatArray) -> FloatArray:
+        """Return what columns (K, C) by their weights (C,) make beside the known ones (K,)."""
+        along = self.from_known @ (self.from_known.T @ products(self.white_known, self._whitened(columns)))
+        left = combined(columns, weights) - combined(self.known, along @ weights)
+        return np.asarray(left - left[self.used].mean())
+
     def explained(self, columns: FloatArray, spent: int = 0) -> Explained:
         """Return what columns (K, C) could explain of it."""
         from scipy.special import fdtrc  # slow to import
@@ -142,7 +149,9 @@ class Residual:
         std = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * sum_of_squares(output))) / size
         limit = variance * float(chi2_quantile(1.0 - ALPHA, max(count - spent, 1)))
         spread = math.sqrt(variance) / float(lengths[told][0]) if count == 1 else math.inf
-        return Explained(weights, max(power, 0.0), std, part / limit, chance, spread)
+        roots = np.zeros((weights.size, count))
+        roots[told] = math.sqrt(variance) * basis / lengths[told][:, None]
+        return Explained(weights, max(power, 0.0), std, part / limit, chance, spread, roots)
 
     def _whitened(self, columns: FloatArray) -> FloatArray:
         return np.asarray(self.noise.whiten_known(columns, self.past)[self.used])

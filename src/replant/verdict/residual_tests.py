@@ -3,10 +3,10 @@ r"""Tests of a model's residual by the score test (`numerics.score_test`), and o
 | alternative | columns of its score test |
 |---|---|
 | other dynamics | the input, the simulated output and their states, delayed by powers of two samples |
-| a nonlinear plant | the square and the cube of the simulated output |
-| the reference explains more | Laguerre functions of it, the square and the cube of what it makes of the output |
+| the reference explains more | Laguerre functions of it |
 | another column of the file | those of other dynamics, made of it (`other_columns`) |
 | actuator, hold, dead time | see `input_faults` |
+| a plant that is not linear | see `nonlinear_plant` |
 
 Under feedback the input answers the residual of a right model, too, at once and later, as is told by
 `replant.estimation.solver.feedback_test`: the columns of a sample then hold only what was known before it (of a model
@@ -83,9 +83,7 @@ def unexplained(
     run, rows = runs.now, evidence.known
     error, own = run.error[rows], known_columns(evidence, run)
     residual = residual_of(evidence, error, own if known is None else np.hstack([own, known]))
-    output = run.forced - run.forced[rows].mean()
-    powers = np.column_stack([output**2, output**3])[rows]
-    columns = np.hstack([dynamics(evidence, run, feedback=feedback), powers])
+    columns = dynamics(evidence, run, feedback=feedback)
     return residual.explained(columns).of_output(evidence.record.y[rows], error, evidence.used[rows])
 
 
@@ -199,14 +197,13 @@ class Reference:
 def unexplained_by_reference(
     evidence: Evidence, run: ModelRun, reference: Reference, known: FloatArray | None = None
 ) -> Explained:
-    """Return what a reference could explain by its states and powers, as part of the power it makes of the output.
+    """Return what a reference could explain by its states, as part of the power it makes of the output.
 
     What is known beside them, (K, N), stands in place of what the estimate has spent.
     """
     rows = evidence.known
     error = run.error[rows]
-    # the powers are what a nonlinear plant leaves
-    columns = np.column_stack([reference.states, reference.output**2, reference.output**3])[rows]
+    columns = reference.states[rows]
     residual = residual_of(evidence, error, np.zeros((error.size, 0)) if known is None else known)
     found = residual.explained(columns, evidence.coefficients if evidence.in_sample and known is None else 0)
     return found.of_output(reference.output[rows], error, evidence.used[rows])

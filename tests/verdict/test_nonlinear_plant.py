@@ -1,0 +1,144 @@
+"""A plant whose coefficients depend on the operating point, or with dry friction, is named, and no linear one is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.estimation.engine.record import Record
+from replant.signals import random_steps
+from replant.verdict.evidence import Evidence
+from replant.verdict.nonlinear_plant import Path
+from support.bending import damped, lagging, rubbing
+from support.builders import binary
+from support.cases import every
+
+DT, SAMPLES = 0.1, 2000
+LEVELS, FRICTION = "the plant acts otherwise at other levels", "dry friction"
+Plant = Callable[[np.ndarray], np.ndarray]
+BENT: dict[str, tuple[Plant, int]] = {
+    "a time constant that grows": (lambda u: lagging(u, DT, lambda y: 0.3 * y), 1),
+    "one that is longer far from the middle": (lambda u: lagging(u, DT, lambda y: 0.6 * abs(y) - 0.3), 1),
+    "damping that grows": (lambda u: damped(u, DT, lambda y: 0.3 * y), 2),
+}
+SLIGHTLY: dict[str, tuple[Plant, int]] = {
+    "a time constant that grows": (lambda u: lagging(u, DT, lambda y: 0.06 * y), 1),
+    "damping that grows": (lambda u: damped(u, DT, lambda y: 0.06 * y), 2),
+}
+
+
+def moves(seed: int) -> np.ndarray:
+    """Steps of a few tenths about levels that hold for ten time constants."""
+    levels = random_steps(SAMPLES, shortest=80, longest=160, low=-0.7, high=0.7, seed=seed)
+    return levels + 0.3 * binary(seed + 1, SAMPLES, 12)
+
+
+def noisy(y: np.ndarray, part: float = 0.01) -> np.ndarray:
+    return y + part * y.std() * np.random.default_rng(7).standard_normal(y.size)
+
+
+def offline(u: np.ndarray, y: np.ndarray, poles: int) -> rp.Assessment:
+    return rp.fit(u, y, DT, poles=poles).verdict
+
+
+def online(u: np.ndarray, y: np.ndarray, poles: int) -> rp.Assessment:
+    ident = rp.Identifier(rp.Structure(poles), DT)
+    ident.update_many(u, y)
+    return ident.assess()
+
+
+def finished(u: np.ndarray, y: np.ndarray, poles: int) -> rp.Assessment:
+    ident = rp.Identifier(rp.Structure(poles), DT)
+    ident.update_many(u, y)
+    ident.finish()
+    return ident.assess()
+
+
+def said(verdict: rp.Assessment, words: str) -> bool:
+    return any(words in reason for reason in verdict.reasons)
+
+
+@pytest.mark.parametrize("judged", [offline, finished, online])
+@every("bent", BENT, quick=2)
+def test_coefficients_that_depend_on_the_operating_point_are_named(
+    bent: str, judged: Callable[[np.ndarray, np.ndarray, int], rp.Assessment]
+) -> None:
+    """Its output differs by a few per cent from a linear plant's, its steps at the ends of the range by a tenth."""
+    plant, poles = BENT[bent]
+    u = moves(3)
+    verdict = judged(u, noisy(plant(u)), poles)
+    assert verdict.status == "inconsistent", verdict.reasons
+    assert said(verdict, LEVELS), verdict.reasons
+
+
+@every("bent", SLIGHTLY)
+def test_a_plant_that_is_slightly_nonlinear_stays_trusted(bent: str) -> None:
+    """It is named, as far as it is sure, in a remark."""
+    plant, poles = SLIGHTLY[bent]
+    u = moves(3)
+    verdict = offline(u, noisy(plant(u), 0.002), poles)
+    assert verdict.status == "trusted"
+    assert said(verdict, LEVELS), verdict.reasons
+
+
+@every("seed", range(6), quick=2)
+def test_a_linear_plant_is_not(seed: int) -> None:
+    u = 0.5 * seed + moves(seed)
+    for plant in (rp.TransferFunction([1.0], [1.0, 1.0]), rp.TransferFunction([1.0, 3.0], [1.0, 1.2, 4.0])):
+        y = noisy(plant.simulate(u, DT), 0.03)
+        verdict = rp.fit(u, y, DT, poles=plant.den.size - 1, zeros=plant.num.size - 1).verdict
+        assert verdict.status == "trusted", verdict.reasons
+        assert not said(verdict, LEVELS), verdict.reasons
+        assert not said(verdict, FRICTION), verdict.reasons
+
+
+@every("spring", [0.0, 1.0])
+def test_dry_friction_is_named(spring: float) -> None:
+    """A positioning plant with and without a spring; without friction it is trusted."""
+    u = random_steps(SAMPLES, shortest=5, longest=30, low=-1.0, high=1.0, seed=4)
+    u -= u.mean()
+    verdict = offline(u, noisy(rubbing(u, DT, spring, 0.15), 0.003), 2)
+    assert verdict.status == "inconsistent", verdict.reasons
+    assert said(verdict, FRICTION), verdict.reasons
+    assert not said(offline(u, noisy(rubbing(u, DT, spring, 0.0), 0.003), 2), FRICTION)
+
+
+def test_the_columns_are_the_changes_of_the_output_to_first_order() -> None:
+    """Half of the bend leaves a quarter of what the columns do not explain: of (1 + c y) y' = u - y it is c y y'."""
+    u = random_steps(600, shortest=3, longest=20, low=-1.0, high=1.0, seed=2)
+    u -= u[0]
+    structure, theta, dt = rp.Structure(1), np.array([1.0, 1.0]), 0.02
+    record = Record(u, np.zeros(u.size), np.array([dt]))
+    path = Path.of(Evidence(structure, dt, record, theta, None, theta, 0, u.size))
+    assert path is not None
+    x = rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u, dt)
+    # a change of the coefficient of x', by x itself
+    column = path.model.changes(path.states, path.record, dt, x, 1)[:, 1]
+
+    def left(bend: float) -> float:
+        bent = lagging(u, dt, lambda y: bend * y) - x
+        return float(np.abs(bent - bend * column).max())
+
+    assert 3.0 < left(0.1) / left(0.05) < 5.0
+    assert left(0.05) < 0.1 * float(np.abs(0.05 * column).max())
+
+
+def test_the_changes_of_the_response_are_those_of_g() -> None:
+    structure, theta = rp.Structure(2, 1), np.array([1.2, 4.0, 1.0, 3.0])
+    record = Record(np.arange(10.0), np.zeros(10), np.array([DT]))
+    path = Path.of(Evidence(structure, DT, record, theta, None, theta, 0, 10))
+    assert path is not None
+    omega, small = np.array([0.3, 2.0, 7.0]), 1e-6
+    changes = path.model.changes_of_response(omega)
+    a, b = np.array([4.0, 1.2, 1.0]), np.array([3.0, 1.0])  # a_0 .. a_n, b_0 .. b_m
+
+    def response(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.polyval(b[::-1], 1j * omega) / np.polyval(a[::-1], 1j * omega)
+
+    for i in range(5):
+        step = small * np.eye(5)[i]
+        moved = response(a + step[:3], b + step[3:]) / response(a, b) - 1.0
+        np.testing.assert_allclose(moved / small, changes[:, i], rtol=1e-5)
