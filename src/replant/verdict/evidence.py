@@ -73,9 +73,8 @@ class Evidence:
     after_change: bool = False  # whether the estimate was begun anew, or revised, after a change that it remembers
     begun_anew: int = 0  # samples since a change of the plant that the estimate has followed
     plant_change: PlantChange | None = None  # that no one model explains the record
-    loads: tuple[
-        float, ...
-    ] = ()  # since when other loads act in a record solved as a whole, in s after its first sample
+    # of a record solved as a whole
+    loads: tuple[float, ...] = ()  # since when other loads act, in s after its first sample
     undecided: bool = False  # whether it is not told what has changed; of loads: whether they act
     after_alarm: bool = False  # whether the record begins where an alarm ended, and nothing is believed to have changed
     trusted_before: bool = False  # whether the model was trusted when the input came to rest, and no alarm came since
