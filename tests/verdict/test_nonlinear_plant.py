@@ -142,3 +142,13 @@ def test_the_changes_of_the_response_are_those_of_g() -> None:
         step = small * np.eye(5)[i]
         moved = response(a + step[:3], b + step[3:]) / response(a, b) - 1.0
         np.testing.assert_allclose(moved / small, changes[:, i], rtol=1e-5)
+
+
+def test_the_rounding_of_a_step_response_is_no_other_plant() -> None:
+    """A coarse scale without noise: what the model leaves follows from the path, and is smaller than a step of it."""
+    u = np.repeat([0.0, 1.0], [300, 2700])
+    y = rp.TransferFunction([1.0], np.poly([-1.0, -2.5, -6.0])).simulate(u, 0.04)
+    step = 0.008 / 1.5
+    verdict = rp.fit(u, step * np.round(y / step), 0.04, poles=3).verdict
+    assert verdict.status == "trusted", verdict.reasons
+    assert not said(verdict, LEVELS), verdict.reasons

@@ -41,7 +41,7 @@ from replant.numerics.linear_algebra import chi2_quantile, combined
 from replant.numerics.score_test import Explained
 from replant.verdict.estimate_distance import LARGEST_ERROR, excited_frequencies
 from replant.verdict.estimate_tests import FARTHEST, Speeds
-from replant.verdict.evidence import Evidence, Runs
+from replant.verdict.evidence import Evidence, Runs, rounding_of
 from replant.verdict.input_faults import Acting
 from replant.verdict.residual_tests import Loop, dynamics, residual_of
 from replant.verdict.verdict import Finding, percent
@@ -52,11 +52,13 @@ ENDS = (0.05, 0.95)  # between which nine samples in ten have their operating po
 
 def nonlinear_findings(evidence: Evidence, runs: Runs, loop: Loop) -> list[Finding]:
     """Say where coefficients depend on the operating point, or friction acts, and what that changes."""
-    acting = Acting.of(evidence, runs, loop)
-    path = Path.of(evidence, acting.input if loop.reference is not None else None)
+    reference, rows = loop.reference, evidence.known
+    used, acting = evidence.used[rows], Acting.of(evidence, runs, loop)
+    if not runs.now.error[rows][used].std() > rounding_of(runs.now.forced[rows], evidence.record.y[rows][used]):
+        return []  # rounding follows from the path, too
+    path = Path.of(evidence, acting.input if reference is not None else None)
     if path is None:
         return []
-    reference, rows = loop.reference, evidence.known
     linear = dynamics(evidence, runs.now, feedback=loop.feedback.found) if reference is None else reference.states[rows]
     known = np.hstack([acting.known, linear])
     return _of_levels(evidence, runs, path, known) + _of_friction(evidence, runs, acting, path, known)
