@@ -63,16 +63,17 @@ class Explained:
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """A residual (K,) less what known columns explain of it, whitened, over the U samples used."""
+    """A residual (K,) less what known columns explain of it, whitened, over the samples used."""
 
     noise: Autoregression  # of the residual
     known: FloatArray  # (K, N): the known columns, scaled to one
-    white_known: FloatArray  # (U, N): whitened
+    white_known: FloatArray  # (W, N): whitened
     from_known: FloatArray  # (N, R): what makes them orthonormal
-    white: FloatArray  # (U,): the whitened residual
+    white: FloatArray  # (W,): the whitened residual
     lengths: FloatArray  # (N,): of the known columns as they were given
     past: IntArray  # (K,): how many samples in a row come before each
     used: BoolArray | slice  # (K,), or all
+    unbroken: IntArray | None  # (K,): the same where the samples not used count; None where their part is not known
 
     @classmethod
     def of(
@@ -82,6 +83,7 @@ class Residual:
         past: IntArray,
         used: BoolArray | slice,
         noise: Autoregression | None = None,
+        unbroken: IntArray | None = None,
     ) -> Residual:
         """Return that of an error (K,) and known columns (K, N); a constant is always known."""
         used = slice(None) if not isinstance(used, slice) and used.all() else used  # a view where a copy takes longer
@@ -90,17 +92,17 @@ class Residual:
         known = known / lengths
         error = error - error[used].mean()
         noise = Autoregression.of_residual(error, past, error.size) if noise is None else noise
-        white_known, white = noise.whiten_known(known, past)[used], noise.whiten_known(error, past)[used]
+        white_known, white = (_whitened(noise, each, past, used, unbroken) for each in (known, error))
         basis = orthogonal(products(white_known, white_known))
         explained = basis @ (basis.T @ products(white_known, white[:, None])[:, 0])
         white = white - np.einsum("ij,j->i", white_known, explained)
-        return cls(noise, known, white_known, basis, white, lengths, past, used)
+        return cls(noise, known, white_known, basis, white, lengths, past, used, unbroken)
 
     def beside(self, error: FloatArray, effect: FloatArray) -> Residual:
         """Return that of the same error (K,), whitened by the noise that an effect (K,) leaves of it."""
         left = error - effect
         noise = Autoregression.of_residual(left - left[self.used].mean(), self.past, left.size)
-        return Residual.of(error, self.known[:, :-1], self.past, self.used, noise)
+        return Residual.of(error, self.known[:, :-1], self.past, self.used, noise, self.unbroken)
 
     def weights_of(self, columns: FloatArray) -> FloatArray:
         """Return the weights (N, C) with which the known columns make up for columns (K, C)."""
@@ -136,7 +138,8 @@ class Residual:
             return Explained(weights)
         weights[told] = basis @ amounts / lengths[told]
         rest = self.white - combined(left, basis @ amounts)
-        free = max(self.white.size - count - self.from_known.shape[1], 1)
+        size = len(self.past[self.used])
+        free = max(size - count - self.from_known.shape[1], 1)
         variance = sum_of_squares(rest) / free
         if not variance > 0.0:
             return Explained(weights, float(np.mean((combined(whole, basis @ amounts)) ** 2)), 0.0, math.inf, 0.0, 0.0)
@@ -144,7 +147,6 @@ class Residual:
         variance *= widening(combined(left, basis), rest, variance)
         gram = basis.T @ products(whole, whole) @ basis
         output = gram @ amounts
-        size = self.white.size
         power = (float(amounts @ output) - variance * float(np.trace(gram))) / size
         std = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * sum_of_squares(output))) / size
         limit = variance * float(chi2_quantile(1.0 - ALPHA, max(count - spent, 1)))
@@ -154,4 +156,14 @@ class Residual:
         return Explained(weights, max(power, 0.0), std, part / limit, chance, spread, roots)
 
     def _whitened(self, columns: FloatArray) -> FloatArray:
-        return np.asarray(self.noise.whiten_known(columns, self.past)[self.used])
+        return _whitened(self.noise, columns, self.past, self.used, self.unbroken)
+
+
+def _whitened(
+    noise: Autoregression, signals: FloatArray, past: IntArray, used: BoolArray | slice, unbroken: IntArray | None
+) -> FloatArray:
+    """Return signals (K, ...) whitened (W, ...), in as many degrees of freedom as there are samples used."""
+    if unbroken is None or isinstance(used, slice) or not noise.order:
+        return np.asarray(noise.whiten_known(signals, past)[used])
+    # by a shorter past the samples behind holes are not independent of each other: slow noise puts them on one level
+    return noise.without_unknown(noise.whiten_known(signals, unbroken), unbroken, np.flatnonzero(~used))

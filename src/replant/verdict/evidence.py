@@ -141,7 +141,14 @@ class Evidence:
 
     def past_of(self, rows: slice) -> IntArray:
         """Return how many used samples in a row of some rows come before each of these, up to LAGS."""
-        record = replace(self.record, measured=self.used, before=None)
+        return self._predecessors(rows, self.used)
+
+    def unbroken_of(self, rows: slice) -> IntArray:
+        """Return the same where samples that are not used count, too: as many as came a sampling time apart."""
+        return self._predecessors(rows, None)
+
+    def _predecessors(self, rows: slice, used: BoolArray | None) -> IntArray:
+        record = replace(self.record, measured=used, before=None)
         return np.minimum(record.predecessors[rows], np.arange(self.samples)[: self.samples - rows.start])
 
     @property

@@ -66,7 +66,8 @@ def power_of(evidence: Evidence, output: FloatArray) -> float:
 
 def residual_of(evidence: Evidence, error: FloatArray, known: FloatArray) -> Residual:
     """Return the residual of an error (K,) and known columns (K, N) over the samples of ``evidence.known``."""
-    return Residual.of(error, known, evidence.past, evidence.used[evidence.known])
+    used = evidence.used[evidence.known]
+    return Residual.of(error, known, evidence.past, used, unbroken=evidence.unbroken_of(evidence.known))
 
 
 def known_columns(evidence: Evidence, run: ModelRun) -> FloatArray:
