@@ -20,7 +20,7 @@ ROWS = [line.split("|")[1].strip() for line in (ROOT / "docs" / "verdict.md").re
 PACKAGE = ROOT / "src" / "replant"
 OTHERS = ("fitting/other_causes", "fitting/structure_evidence", "fitting/miso_solve", "online/miso_newest_samples")
 SOURCES = [*sorted((PACKAGE / "verdict").glob("*.py")), *(PACKAGE / f"{name}.py" for name in OTHERS)]
-ADVICE = {"ADVICE", "ALIKE", "REMEDY", "TOO_EARLY"}  # constants that stand within reasons
+ADVICE = {"ADVICE", "ALIKE", "MOVED_UP", "REMEDY", "TOO_EARLY"}  # constants that stand within reasons
 UNKNOWN = "@"  # a figure, or words that are made elsewhere
 
 

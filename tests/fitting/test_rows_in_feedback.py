@@ -18,7 +18,8 @@ from replant.fitting.miso_solve import solve_with
 from replant.model.structure import Structure
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import chi2_quantile
-from replant.verdict.miso_tests import _beyond_nought, controlled
+from replant.verdict.miso_inputs import controlled
+from replant.verdict.miso_tests import _beyond_nought
 from support.cases import every
 from support.rows_in_feedback import ASKED, DT, PLANT, SAMPLES, TRUE, distance, looped
 

@@ -512,6 +512,14 @@ ELSEWHERE = {
         "online/test_several_inputs.py: test_a_change_since_an_estimate_was_frozen_is_named",
         "online/test_several_inputs.py: test_a_plant_that_does_not_change_has_not_changed",
     ),
+    "is a copy of the output, sample for sample": (
+        "fitting/test_inputs_of_rows.py: test_an_input_that_a_gain_makes_of_the_output_is_no_wrong_column",
+        "fitting/test_inputs_of_rows.py: test_an_output_that_is_an_input_is_a_wrong_column",
+    ),
+    "it acts at once, or its column is recorded late": (
+        "fitting/test_inputs_of_rows.py: test_an_input_recorded_late_is_no_controller",
+        "fitting/test_inputs_of_rows.py: test_a_right_row_has_no_fault",
+    ),
     "answers to disturbances of the output: a controller makes it": (
         "fitting/test_several_inputs.py: test_a_controller_that_makes_an_input",
         "fitting/test_several_inputs.py: test_what_a_decimated_record_sees_ahead_is_no_controller",

@@ -222,7 +222,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"have a gap every", _without_stamps),
     (r"the actuator seems|acts otherwise at other levels|dry friction", _look),
     (r"run straight between|runs straight between", _straight),
-    (r"before its row|where a controller opposes it", _rows),
+    (r"before its row|where a controller opposes it|is recorded late", _rows),
     (r"than the model says", _dead_time),
     (r"has the input's period", _rhythm),
     (r"the initial state takes a part", _at_rest),
@@ -230,7 +230,11 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
         r"the reference (stands still|is a copy|explains nothing|follows|is not needed)|did not come to rest",
         _no_reference,
     ),
-    (r"either its disturbances have more colour|only a reference|give its reference|answers to dist", _reference),
+    (
+        r"either its disturbances have more colour|only a reference|give its reference|answers to dist"
+        r"|is a copy of the output",
+        _reference,
+    ),
     (r"the plant seems to (?:have )?change|its response differs|another load may act", _part),
     (r"another load acts since", _look),
     (r"to the bit|stuck|extreme of the output|no output has arrived|output is constant|left out", _sensor),

@@ -39,17 +39,14 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray, array_of
 from replant.numerics.autoregression import Autoregression, duration_of
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of, products
-from replant.verdict.miso_tests import answering, controlled, lacking, of_rivals
+from replant.verdict.miso_inputs import answering, controlled, timing
+from replant.verdict.miso_tests import GIVEN_UP, lacking, of_rivals
 from replant.verdict.residual_tests import COPIED, STILL, Reference, fault_of
 from replant.verdict.verdict import Finding
 
 IDLE = "the reference explains nothing of any input: give the column that does, move it more, or leave it out"
 SERVED = "input {} is moved by the reference: the estimate is made from what that explains of it"
 OPEN = "no input answers to disturbances: the reference is not needed"
-GIVEN_UP = (
-    "the structure leaves slow parts of the output, which a noise model would take for noise: none was used; try more "
-    "poles, a further input, or, where a controller makes an input, its reference"
-)
 NOT_SOLVED = "the estimate made with the reference did not come to rest: record more, or move the reference more"
 
 ROUNDS = 3  # times that the noise model is estimated [count]
@@ -201,9 +198,10 @@ def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     findings = tuple(controlled(row, point, noise))
     # without a noise model the two are the same; in feedback the estimate without one is that which is off
     if findings or not noise.order or not (differs(row, free, point) or any(lacking(row, point, noise))):
+        findings = findings or tuple(timing(row, point))
         findings += tuple(of_rivals(row, point, rivals))
         return RowEstimate(point, noise, covariance_of(row, point), findings, rivals)
-    white, findings = Autoregression.white(1.0, row.count), (Finding("inconsistent", GIVEN_UP),)
+    white, findings = Autoregression.white(1.0, row.count), (*timing(row, free), Finding("inconsistent", GIVEN_UP))
     return RowEstimate(free, white, covariance_of(row, free, noise_of(row, free)), findings, rivals)
 
 

@@ -16,7 +16,8 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_state import RowState
-from replant.verdict.miso_tests import controlled, judged, left_out
+from replant.verdict.miso_inputs import faults
+from replant.verdict.miso_tests import judged, left_out
 from replant.verdict.sensor_and_excitation import followed_finding, guard_findings, left_out_finding
 from replant.verdict.verdict import Finding, Verdict
 
@@ -50,7 +51,8 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
         return None
     point = _over(row, known)
     # without a noise model the error has a colour, and inputs seem to answer to it
-    findings = [*(state.findings or controlled(row, point, known.noise))]
+    findings = [*(state.findings or faults(row, point, known.noise))]
+    is_right = all(finding.status != "inconsistent" for finding in findings)
     if not row.is_stable(known.parameters):
         findings.append(Finding("diverged", "an update has made a pole unstable: solve again, with finish, or reset"))
     if known.surprising:
@@ -63,7 +65,9 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
     if state.record_began:
         findings.append(followed_finding(state.length * state.settings.dt))
     found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
-    verdict = judged(row, row.record, point, known.noise, known.covariance, findings, is_of_record=False)
+    verdict = judged(
+        row, row.record, point, known.noise, known.covariance, findings, is_of_record=False, is_right=is_right
+    )
     return Newest(ready, RowSolution(row, found, doubt), verdict)
 
 

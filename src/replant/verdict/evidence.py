@@ -25,7 +25,10 @@ LEAST_POWER = 0.01 * MATTERS  # variance of the newest input below which it rest
 RESTED = 2500  # rest after which it is noted whether the model is trusted: half of the way between reviews [samples]
 CONSTANT = "the input is constant: move it"
 STANDS_STILL = "the output is constant over {} while the input moves"  # {}: for how long
-COPY_OF = "the output is a copy of the input{}, sample for sample: name the output's column"  # {}: its name, if any
+COPY_OF = (
+    "the output is a copy of the input{}, sample for sample: name the output's column; or a proportional controller "
+    "makes that input: move its set-point, and give it as the reference"
+)  # {}: its name, if any
 COPY = COPY_OF.format("")
 RESTING = 1e-12  # movement that is rounding of float64, some thousand times its precision [part of the largest value]
 ROUNDING = 1e-6  # what is rounding of a log: its numbers have six digits and more [part of a signal]
@@ -282,13 +285,17 @@ class Runs:
         the output that the step makes, over the output.
         """
         n = self.now.structure.poles
-        sizes = np.poly(-speeds)[1:]
-        largest = float((np.abs(step[:n]) / sizes).max())
-        output = float(self.now.forced.std())
-        if step.size == n or not output > 0.0:
-            return largest
-        made = np.abs(step[n:]) * self.now.zeta[:, n:].std(axis=0) / output
-        return max(largest, 0.5 * float(made.max()))
+        return relative_size(step, speeds, self.now.zeta[:, n:], self.now.forced)
+
+
+def relative_size(step: FloatArray, speeds: FloatArray, slopes: FloatArray, output: FloatArray) -> float:
+    """Return the relative size of a step, see `Runs.size`, of slopes (K, m + 1) by b_m .. b_0 and an output (K,)."""
+    n, made_of = speeds.size, float(output.std())
+    largest = float((np.abs(step[:n]) / np.poly(-speeds)[1:]).max())
+    if step.size == n or not made_of > 0.0:
+        return largest
+    made = np.abs(step[n:]) * slopes.std(axis=0) / made_of
+    return max(largest, 0.5 * float(made.max()))
 
 
 def rounding_of(modelled: FloatArray, output: FloatArray) -> float:

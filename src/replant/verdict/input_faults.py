@@ -32,6 +32,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import ModelRun, run_model
 from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import ALPHA, LARGEST_PART, NEGLIGIBLE
@@ -119,30 +120,39 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
 def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained, loop: Loop) -> list[Finding]:
     """Say where another dead time would explain most of ``part``, what other dynamics could, and what that changes."""
     acting = Acting.of(evidence, runs, loop)
-    later = _later(evidence, acting.output, past=loop.feedback.found and loop.reference is None)[evidence.known, None]
-    told = acting.told(later)
+    past = loop.feedback.found and loop.reference is None
+    late = later(evidence.record, acting.output, evidence.dt, past=past)[evidence.known, None]
+    told = acting.told(late)
     if told is None:
         return []
     off = told.weight * evidence.dt
-    delay = evidence.structure.delay + off
     # a pole too few looks like a dead time, too, but leaves more for other dynamics to explain
     if loop.reference is None:
-        left = unexplained(evidence, runs, feedback=loop.feedback.found, known=later)
+        left = unexplained(evidence, runs, feedback=loop.feedback.found, known=late)
     else:
-        left = unexplained_by_reference(evidence, runs.now, loop.reference, np.hstack([acting.known, later]))
+        left = unexplained_by_reference(evidence, runs.now, loop.reference, np.hstack([acting.known, late]))
     if left.is_sure and (left.is_large or left.power > 0.5 * part.power):
         return []
     status = "inconsistent" if told.size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
-    if delay <= -EARLY * evidence.dt:
-        reason = f"the input seems to act {-delay:.2g} s before its row: a coefficient differs by {percent(told.size)}"
-        return [Finding(status, f"{reason}: {TOO_EARLY}")]
+    return list(timing_finding("the input", evidence.structure.delay, off, evidence.dt, told.size, status))
+
+
+def timing_finding(
+    subject: str, given: float, off: float, dt: float, size: float, status: str, too_early: str = TOO_EARLY
+) -> Iterator[Finding]:
+    """Say that an input acts so many s later than by the dead time that was given, or earlier."""
+    delay = given + off
+    if delay <= -EARLY * dt:
+        reason = f"{subject} seems to act {-delay:.2g} s before its row: a coefficient differs by {percent(size)}"
+        yield Finding(status, f"{reason}: {too_early}")
+        return
     # in as many digits as tell it from the one given
     wanted = round(max(delay, 0.0), max(1 - math.floor(math.log10(abs(off))), 0))
-    if wanted == evidence.structure.delay:  # no dead time is shorter than none
-        return []
-    reason = f"the input seems to act {abs(off):.2g} s {'later' if off > 0.0 else 'earlier'} than the model says"
-    reason += f": with a dead time of {wanted:g} s a coefficient differs by {percent(told.size)}"
-    return [Finding(status, reason)]
+    if wanted == given:  # no dead time is shorter than none
+        return
+    reason = f"{subject} seems to act {abs(off):.2g} s {'later' if off > 0.0 else 'earlier'} than the model says"
+    reason += f": with a dead time of {wanted:g} s a coefficient differs by {percent(size)}"
+    yield Finding(status, reason)
 
 
 def direct_findings(evidence: Evidence, runs: Runs, loop: Loop) -> list[Finding]:
@@ -234,22 +244,21 @@ class Acting:
         return Told(float(found.weights[0]), self.runs.size(step, speeds), found.statistic)
 
 
-def _later(evidence: Evidence, output: FloatArray, *, past: bool) -> FloatArray:
+def later(record: Record, output: FloatArray, dt: float, *, past: bool) -> FloatArray:
     """Return by how much a model's output (K,) changes where it comes a sampling time later, to first order.
 
     In feedback what comes after a sample answers its noise: the change is then that since the sample before.
     """
-    record = evidence.record
     times = np.cumsum(record.intervals) if record.intervals.size > 1 else record.dt * np.arange(output.size)
-    later = np.zeros(output.size)
+    late = np.zeros(output.size)
     for rows in record.parts:
         if len(range(*rows.indices(output.size))) > 1:
             steps = np.gradient(output[rows], times[rows])
             if past:
                 steps[1:] = np.diff(output[rows]) / np.diff(times[rows])
                 steps[0] = 0.0
-            later[rows] = -evidence.dt * steps
-    return later
+            late[rows] = -dt * steps
+    return late
 
 
 def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:

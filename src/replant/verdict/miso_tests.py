@@ -12,13 +12,11 @@ import numpy as np
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
 from replant.estimation.simulation.miso import Point, Row, evaluate
-from replant.estimation.solver import feedback_test
-from replant.estimation.solver.change_contest import HARMLESS
 from replant.estimation.solver.miso_steps import refine, start_without
 from replant.estimation.solver.refined_estimate import relative_uncertainty
 from replant.model.structure import Structure
 from replant.model.uncertainty import cancelled_pole, dc_gain_slope
-from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS, ROUNDING
 from replant.numerics.linear_algebra import (
@@ -33,8 +31,13 @@ from replant.numerics.linear_algebra import (
 from replant.numerics.projections import WEAKEST, orthogonal, widening, without
 from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
 from replant.verdict.evidence import COPY_OF, FEWEST, RESTED, is_copy, moving, rounding_of
+from replant.verdict.residual_tests import Reference
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, figure, percent
 
+GIVEN_UP = (
+    "the structure leaves slow parts of the output, which a noise model would take for noise: none was used; try more "
+    "poles, another dead time, a further input, or, where a controller makes an input, its reference"
+)
 FILTERS = 8  # first-order filters of each input that its transfer function is tested against [count]
 
 
@@ -47,17 +50,25 @@ def judged(
     others: list[Finding],
     *,
     is_of_record: bool = True,
+    is_right: bool = True,
 ) -> Verdict:
-    """Return the verdict of a point, with other findings about it."""
+    """Return the verdict of a point, with other findings about it; ``is_right``: none of them is against the model."""
     findings = [*_copied(row), *untold(row, record, point, covariance)]
+    general = [finding for finding in others if finding.reason == GIVEN_UP]
+    others = [finding for finding in others if finding.reason != GIVEN_UP]
     if not findings:
-        findings += [*_useless(row, point, noise, covariance), *lacking(row, point, noise)]
-    unsure = [] if findings else list(_unsure(row, point, covariance))
-    if not findings and not is_of_record:  # it follows sample by sample: the plant may have changed since
+        findings += _useless(row, point, noise, covariance)
+        general = [*lacking(row, point, noise), *general]
+    unsure = [] if findings or general else list(_unsure(row, point, covariance))
+    # it follows sample by sample: the plant may have changed since; a wrong model differs from any samples
+    if not (findings or general or is_of_record) and is_right:
         findings += _outdated(row, point, noise, covariance)
     findings += unsure
     excited = not any(finding.status == "not excited" for finding in findings + others)
-    told = conclude(findings + others, "each input is told apart, and the inputs explain no more of the output")
+    # what names the fault comes first
+    told = conclude(
+        findings + others + general, "each input is told apart, and the inputs explain no more of the output"
+    )
     verdict = Verdict(*told, excited=excited)
     if not excited or is_of_record or not (rest := _rest(row)):
         return verdict
@@ -77,10 +88,22 @@ def untold(row: Row, record: Record, point: Point, covariance: FloatArray) -> li
 
 
 def _copied(row: Row) -> Iterator[Finding]:
-    known = row.record.is_measured
-    for name, u in zip(row.names, row.inputs.T, strict=True):
-        if is_copy(u[known], row.record.y[known]):
+    """Inputs that are one signal with the output: where another input moves both, one of them is made of the output."""
+    known, y = row.record.is_measured, row.record.y
+    copies = [i for i, u in enumerate(row.inputs.T) if is_copy(u[known], y[known])]
+    others = [i for i in range(len(row.structures)) if i not in copies]
+    for i in copies:
+        u, name = np.ascontiguousarray(row.inputs[:, i]), row.names[i]
+        movers = (j for j in others if Reference.projected(np.ascontiguousarray(row.inputs[:, j]), u, y).strength > 1.0)
+        if (by := next(movers, None)) is None:
             yield Finding("inconsistent", COPY_OF.format(f" {name}"))
+            continue
+        yield Finding(
+            "inconsistent",
+            f"input {name} is a copy of the output, sample for sample, and input {row.names[by]} moves both: a "
+            "controller makes it of the output alone; move its set-point, and give it as the reference, or leave the "
+            "input out",
+        )
 
 
 def _at_rest(row: Row) -> Iterator[Finding]:
@@ -230,7 +253,7 @@ def _beyond_nought(row: Row, point: Point, covariance: FloatArray) -> Iterator[f
 def _is_left_out(row: Row, point: Point, noise: Autoregression, *left_out: int) -> bool:
     """Return whether the record is as likely without some of the inputs."""
     less = [k for k in range(len(row.structures)) if k not in left_out]
-    power = _power(row, noise)
+    power = power_of_row(row, noise)
     if less:
         begins = start_without(row, point.theta, left_out, noise)
         others = row.of_inputs(less)
@@ -242,7 +265,7 @@ def _is_left_out(row: Row, point: Point, noise: Autoregression, *left_out: int) 
 def lacking(row: Row, point: Point, noise: Autoregression, covariance: FloatArray | None = None) -> Iterator[Finding]:
     """What filters of the inputs could explain of the residual, of a model with a covariance of another record too."""
     signals = row.inputs if row.outside is None else row.outside.signals
-    significance, part = _of_filters(row, point, noise, *signals.T, covariance=covariance)
+    significance, part = of_filters(row, point, noise, *signals.T, covariance=covariance)
     if significance > 1.0 and part > MATTERS:
         yield Finding(
             "inconsistent",
@@ -258,7 +281,7 @@ def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray)
     how much is the amplitude of phi_i' d_i beside that of the branch's output x_i.
     """
     phi, zeta, error = (np.concatenate(each) for each in (point.phi, point.zeta, point.error))
-    if _is_rounding(row, point):
+    if is_rounding(row, point):
         return
     inverse = inverse_of(products(zeta, phi))
     step = inverse @ products(zeta, error)
@@ -303,7 +326,7 @@ def _parts(row: Row, theta: FloatArray) -> FloatArray:
     return np.concatenate([row.signals(theta, each, states)[0][each.measured] for each in row.stretches])
 
 
-def _power(row: Row, noise: Autoregression) -> float:
+def power_of_row(row: Row, noise: Autoregression) -> float:
     """Return the sum of squares of the whitened output."""
     return sum(float(np.sum(row.whitened(noise, each.y, each) ** 2)) for each in row.stretches)
 
@@ -311,7 +334,7 @@ def _power(row: Row, noise: Autoregression) -> float:
 def left_out(row: Row, point: Point, noise: Autoregression, others: Mapping[str, FloatArray]) -> Iterator[Finding]:
     """The column (K,) beside the inputs that could explain most of the residual, if one could."""
     usable = {name: each for name, each in others.items() if np.isfinite(each).all() and np.ptp(each) > 0.0}
-    found = [(*_of_filters(row, point, noise, signal), name) for name, signal in usable.items()]
+    found = [(*of_filters(row, point, noise, signal), name) for name, signal in usable.items()]
     for significance, part, name in sorted(found, reverse=True)[:1]:
         if significance > 1.0 and part > MATTERS:
             yield Finding(
@@ -320,50 +343,11 @@ def left_out(row: Row, point: Point, noise: Autoregression, others: Mapping[str,
             )
 
 
-def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]:
-    """Inputs that answer to the residual, beside those that references move."""
-    free = range(len(row.structures)) if row.outside is None else np.flatnonzero(~row.outside.is_moved).tolist()
-    # what is too small to matter, as what a filter that looks ahead puts into both, is not named
-    least = HARMLESS**2 * _power(row, noise)
-    for i in free:
-        if _answers(row, point, i, row.inputs[:, i], least):
-            yield Finding(
-                "inconsistent",
-                f"input {row.names[i]} answers to disturbances of the output: a controller makes it, and the transfer "
-                "functions may be off; give what is applied from outside, as a set-point or a dither, as the reference",
-            )
-
-
-def answering(row: Row, point: Point) -> BoolArray:
-    """Return which inputs (q,) answer to the residual by what does not come from outside of them."""
-    found = np.zeros(len(row.structures), bool)
-    if row.outside is not None:
-        inside = row.inputs - row.outside.inputs  # of one in a loop only the noise is left
-        for i in np.flatnonzero(row.outside.is_moved).tolist():
-            found[i] = _answers(row, point, i, inside[:, i])
-    return found
-
-
-def _answers(row: Row, point: Point, number: int, signal: FloatArray, least: float = 0.0) -> bool:
-    """Return whether a signal (K,) of an input answers the whitened residual, from the power ``least`` of that on."""
-    if _is_rounding(row, point):
-        return False
-    left, signal = np.zeros(signal.size), signal - signal.mean()
-    for stretch, error in zip(row.stretches, point.error, strict=True):
-        left[stretch.rows] = error
-    # where the structure is not right the other inputs explain some of the residual, and the input may follow them: the
-    # answer must be one beside them, too
-    others = [u - u.mean() for u in np.delete(row.inputs, number, axis=1).T]
-    first = int(row.record.input_hold == "foh" and row.structures[number].delay < row.dt)  # a model with a direct path
-    told = (feedback_test.answering(signal, left, row.record.inputs_before, first, each) for each in (others, ()))
-    return all(answer.found and answer.part * point.cost > least for answer in told)
-
-
-def _of_filters(
+def of_filters(
     row: Row, point: Point, noise: Autoregression, *signals: FloatArray, covariance: FloatArray | None = None
 ) -> tuple[float, float]:
     """Return what signals (K,), and filters of them, explain of the error: in limits of chance, and of the output."""
-    if _is_rounding(row, point):
+    if is_rounding(row, point):
         return 0.0, 0.0
     model, span = AuxiliaryModel(Structure(1), row.dt), sum(each.inputs[0].span for each in row.stretches)
     cutoffs, parts = np.geomspace(5.0 / span, 1.0 / row.dt, FILTERS), []
@@ -393,10 +377,10 @@ def _of_filters(
     statistic = float(amounts @ np.linalg.lstsq(spread, amounts, rcond=None)[0])
     limit = chi2_quantile(1.0 - ALPHA, basis.shape[1]) * widening(basis, error - combined(basis, amounts), variance)
     power = float(amounts @ amounts) - float(np.trace(spread))
-    return statistic / max(limit, 1e-300), power / max(_power(row, noise), np.finfo(float).tiny)
+    return statistic / max(limit, 1e-300), power / max(power_of_row(row, noise), np.finfo(float).tiny)
 
 
-def _is_rounding(row: Row, point: Point) -> bool:
+def is_rounding(row: Row, point: Point) -> bool:
     """Return whether the residual is rounding, of the log's numbers or of the sensor's steps: nothing is told by it."""
     output, error = (
         np.concatenate([each[stretch.measured] for each, stretch in zip(signals, row.stretches, strict=True)])

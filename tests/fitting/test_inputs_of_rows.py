@@ -1,0 +1,116 @@
+"""What is wrong with an input of several: another dead time, a row too late, a controller that makes it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.numerics.arguments import FloatArray
+from replant.verdict import Verdict
+from support.cases import every
+from support.rows import toggling
+
+DT, SAMPLES = 0.1, 2500
+QUICK = rp.TransferFunction([2.0], [1.0, 1.0])
+SLOW = rp.TransferFunction([1.0], [3.0, 1.0])
+
+
+def noisy(y: FloatArray, seed: int, pole: float = 0.0) -> FloatArray:
+    """Add noise of a fiftieth of the output's amplitude, with a pole."""
+    white = np.random.default_rng([seed, 1]).standard_normal(y.size + 500)
+    noise = np.convolve(white, pole ** np.arange(200.0))[500 : 500 + y.size]
+    return np.asarray(y + 0.02 * y.std() / noise.std() * noise)
+
+
+def simulated(u: FloatArray, *plant: rp.TransferFunction) -> FloatArray:
+    return np.sum([g.simulate(column.copy(), DT) for g, column in zip(plant, u.T, strict=True)], axis=0)
+
+
+def verdicts(u: FloatArray, y: FloatArray, **asked: Any) -> dict[str, Verdict]:
+    """By `fit`, and sample by sample before the end and after it."""
+    asked = {"poles": (1,) * u.shape[1], **asked}
+    ident = rp.Identifier(dt=DT, **asked)
+    ident.update_many(u, y)
+    running = ident.assess()
+    ident.finish()
+    return {"fit": rp.fit(u, y, DT, **asked).verdict, "run": running, "finish": ident.assess()}
+
+
+def late(seconds: float) -> rp.TransferFunction:
+    return rp.TransferFunction([1.0], [3.0, 1.0], delay=seconds)
+
+
+@every("seconds, pole", [(0.2, 0.0), (1.0, 0.0), (2.5, 0.0), (1.0, 0.9)], quick=2)
+def test_a_dead_time_that_is_not_given_is_named(seconds: float, pole: float) -> None:
+    u = toggling(3, samples=SAMPLES)
+    y = noisy(simulated(u, QUICK, late(seconds)), 3, pole)
+    for how, verdict in verdicts(u, y).items():
+        assert verdict.status == "inconsistent", how
+        reason = verdict.reasons[0]
+        assert reason.startswith("input u2 seems to act "), (how, reason)
+        assert "later than the model says: with a dead time of " in reason
+        assert float(reason.split("dead time of ")[1].split(" s")[0]) == pytest.approx(seconds, abs=0.5 * DT)
+        assert not any("the plant has changed" in each for each in verdict.reasons)
+
+
+def test_two_dead_times_that_are_not_given_are_both_named() -> None:
+    u = toggling(4, inputs=3, samples=SAMPLES)
+    y = noisy(simulated(u, QUICK, late(0.8), rp.TransferFunction([1.0], [1.0, 1.0], delay=0.4)), 4)
+    reasons = rp.fit(u, y, DT, poles=(1, 1, 1)).verdict.reasons
+    assert reasons[0].startswith("input u2 seems to act 0.8 s later")
+    assert reasons[1].startswith("input u3 seems to act 0.4 s later")
+
+
+def test_a_dead_time_that_is_too_long_is_named() -> None:
+    u = toggling(5, samples=SAMPLES)
+    y = noisy(simulated(u, QUICK, late(0.3)), 5)
+    reason = rp.fit(u, y, DT, poles=(1, 1), delay=(0.0, 0.8)).verdict.reasons[0]
+    assert reason.startswith("input u2 seems to act 0.5 s earlier")
+    assert "with a dead time of 0.3 s" in reason
+
+
+@every("seed, pole", [(seed, pole) for seed in range(6) for pole in (0.0, 0.9)], quick=2)
+def test_a_right_row_has_no_fault(seed: int, pole: float) -> None:
+    u = toggling(seed, samples=SAMPLES, correlation=0.6)
+    found = rp.fit(u, noisy(simulated(u, QUICK, late(0.7)), seed, pole), DT, poles=(1, 1), delay=(0.0, 0.7))
+    assert found.verdict.status == "trusted", found.verdict
+
+
+@every("pole", [0.4, 3.0])
+def test_an_input_recorded_late_is_no_controller(pole: float) -> None:
+    """Steps at each row, as the delay of a row shows at steps alone."""
+    u = np.repeat(np.random.default_rng(6).standard_normal((SAMPLES // 5, 2)), 5, axis=0)
+    y = noisy(simulated(u, QUICK, rp.TransferFunction([1.0], [pole, 1.0])), 6)
+    recorded = np.column_stack([u[:, 0], np.append(u[:1, 1], u[:-1, 1])])
+    for how, verdict in verdicts(recorded, y).items():
+        assert verdict.status == "inconsistent", how
+        named = "it acts at once, or its column is recorded late", "s before its row: a coefficient differs"
+        assert any(each in verdict.reasons[0] for each in named), (how, verdict.reasons)
+        assert "input u2" in verdict.reasons[0]
+        assert not any("a controller makes it" in reason for reason in verdict.reasons)
+
+
+def test_an_input_that_a_gain_makes_of_the_output_is_no_wrong_column() -> None:
+    rng, u = np.random.default_rng(7), toggling(7, samples=SAMPLES)
+    y, states, drift = np.zeros(SAMPLES), np.zeros(2), 0.0
+    poles, gains = np.exp(-DT / np.array([1.0, 3.0])), np.array([2.0, 1.0])
+    for k in range(SAMPLES):
+        drift = 0.98 * drift + 0.1 * rng.standard_normal()
+        y[k] = states.sum() + drift
+        u[k, 1] = -1.5 * y[k]
+        states = poles * states + gains * (1.0 - poles) * u[k]
+    said = "input u2 is a copy of the output, sample for sample, and input u1 moves both"
+    for verdict in verdicts(u, y).values():
+        assert verdict.status in ("inconsistent", "diverged")
+        assert any(reason.startswith(said) for reason in verdict.reasons)
+        assert not any("name the output's column" in reason for reason in verdict.reasons)
+
+
+def test_an_output_that_is_an_input_is_a_wrong_column() -> None:
+    u = toggling(8, samples=SAMPLES)
+    reason = rp.fit(u, 20.0 - 2.0 * u[:, 1], DT, poles=(1, 1)).verdict.reasons[0]
+    assert reason.startswith("the output is a copy of the input u2")
+    assert "name the output's column" in reason
