@@ -114,3 +114,28 @@ def test_an_output_that_is_an_input_is_a_wrong_column() -> None:
     reason = rp.fit(u, 20.0 - 2.0 * u[:, 1], DT, poles=(1, 1)).verdict.reasons[0]
     assert reason.startswith("the output is a copy of the input u2")
     assert "name the output's column" in reason
+
+
+@every("units", [(1e-6, 1e6), (1e6, 1e-6)])
+def test_an_input_recorded_late_is_told_in_any_unit(units: tuple[float, float]) -> None:
+    """The past of an input tells it beside that of others, whatever their units."""
+    u = np.repeat(np.random.default_rng(9).standard_normal((SAMPLES // 5, 2)), 5, axis=0)
+    y = noisy(simulated(u, rp.TransferFunction([1.0], [0.4, 1.0]), SLOW), 9)
+    recorded = np.column_stack([np.append(u[:1, 0], u[:-1, 0]), u[:, 1]]) * units
+    reason = rp.fit(recorded, y, DT, poles=(1, 1)).verdict.reasons[0]
+    assert reason.startswith("input u1 answers the residual of the same sample, along with it")
+
+
+def test_of_an_input_that_a_controller_makes_no_other_dynamics_are_asked_for() -> None:
+    rng, u = np.random.default_rng(7), toggling(7, samples=SAMPLES)
+    y, states, drift, sum_of_errors = np.zeros(SAMPLES), np.zeros(2), 0.0, 0.0
+    poles, gains = np.exp(-DT / np.array([1.0, 3.0])), np.array([2.0, 1.0])
+    for k in range(SAMPLES):
+        drift = 0.98 * drift + 0.1 * rng.standard_normal()
+        y[k] = states.sum() + drift
+        sum_of_errors += DT * y[k]
+        u[k, 1] = -1.5 * y[k] - 0.1 * sum_of_errors
+        states = poles * states + gains * (1.0 - poles) * u[k]
+    for verdict in verdicts(u, y).values():
+        assert any(reason.startswith("input u2 answers to disturbances") for reason in verdict.reasons)
+        assert not any("could explain a further" in reason for reason in verdict.reasons)

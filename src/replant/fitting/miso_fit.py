@@ -182,12 +182,11 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     row, found, doubt = solution
     rest = {name: signal[ready.used] for name, signal in given.unused.items()}
     others = [
-        *found.findings,
         *findings,
         *left_out(row, found.point, found.noise, rest),
         *left_out_finding(int((doubt == Doubt.STUCK).sum())),
     ]
-    verdict = judged(row, row.record, found.point, found.noise, found.covariance, others)
+    verdict = judged(row, row.record, found.point, found.noise, found.covariance, found.findings, others)
     made = Provenance("srivc", given.source, given.sha256, row.count)
     rejected = without_rest(screen(np.abs(columns).max(axis=1), output)[1], "not finite", given.rest)
     fitted = row_fit(solution, ready, output, dt, verdict, made, rejected, given.output_name)

@@ -51,8 +51,8 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
         return None
     point = _over(row, known)
     # without a noise model the error has a colour, and inputs seem to answer to it
-    findings = [*(state.findings or faults(row, point, known.noise))]
-    is_right = all(finding.status != "inconsistent" for finding in findings)
+    of_model = state.findings or faults(row, point, known.noise)
+    findings: list[Finding] = []
     if not row.is_stable(known.parameters):
         findings.append(Finding("diverged", "an update has made a pole unstable: solve again, with finish, or reset"))
     if known.surprising:
@@ -64,10 +64,8 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
     findings += left_out_finding(int((doubt == Doubt.STUCK).sum()))
     if state.record_began:
         findings.append(followed_finding(state.length * state.settings.dt))
-    found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
-    verdict = judged(
-        row, row.record, point, known.noise, known.covariance, findings, is_of_record=False, is_right=is_right
-    )
+    found = RowEstimate(point, known.noise, known.covariance, (*of_model, *findings))
+    verdict = judged(row, row.record, point, known.noise, known.covariance, of_model, findings, is_of_record=False)
     return Newest(ready, RowSolution(row, found, doubt), verdict)
 
 

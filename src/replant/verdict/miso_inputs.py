@@ -34,7 +34,7 @@ LATE = (
     "answers the residual of the same sample, along with it, where a controller opposes it: it acts at once, or its "
     "column is recorded late"
 )
-MOVED_UP = "move its column up by a row, or ask for as many zeros as poles of it"
+MOVED_UP = "move its column up by a row"
 A_NAT = 1.0  # gain of the log-likelihood below which steps of dead times end: twice what chance gives [nats]
 
 
@@ -109,7 +109,7 @@ def timing(row: Row, point: Point) -> Iterator[Finding]:
     yield from _early(row, point)
     white = Autoregression.white(1.0, row.count)
     before = refine(row, point.theta, white, evaluate(row, point.theta, white))
-    timed, after = _told(row, *_retimed(row, before, white))
+    timed, after = _told(row, before, *_retimed(row, before, white))
     if timed is row or _is_of_other_dynamics(row, point, timed, after):
         return
     sizes = _sizes(row, before, after.theta - point.theta)
@@ -154,14 +154,16 @@ def _gain(row: Row, point: Point, timed: Row, after: Point) -> float:
     return 0.5 * min(row.count, timed.count) * math.log(costs[0] / costs[1])
 
 
-def _told(row: Row, timed: Row, after: Point) -> tuple[Row, Point]:
+def _told(row: Row, point: Point, timed: Row, after: Point) -> tuple[Row, Point]:
     """Return the row with those of its new dead times that are no chance, and its point; the row as it was for none."""
     for i, (old, new) in enumerate(zip(row.structures, timed.structures, strict=True)):
         if old.delay == new.delay:
             continue
         noise = noise_of(timed, after)
         without_it = _with_delay(timed, i, old.delay)
-        before, after = refine(without_it, after.theta, noise), refine(timed, after.theta, noise)
+        # from either: where a dead time has taken the place of a pole, that has run away
+        begins = (refine(without_it, theta, noise) for theta in (point.theta, after.theta))
+        before, after = min(begins, key=lambda each: each.cost), refine(timed, after.theta, noise)
         if not 2.0 * _gain(without_it, before, timed, after) > chi2_quantile(1.0 - ALPHA, 1):
             timed, after = without_it, before
     return (row if timed.structures == row.structures else timed), after

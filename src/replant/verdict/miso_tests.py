@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -47,21 +47,23 @@ def judged(
     point: Point,
     noise: Autoregression,
     covariance: FloatArray,
-    others: list[Finding],
+    faults: Sequence[Finding],
+    others: Sequence[Finding] = (),
     *,
     is_of_record: bool = True,
-    is_right: bool = True,
 ) -> Verdict:
-    """Return the verdict of a point, with other findings about it; ``is_right``: none of them is against the model."""
-    findings = [*_copied(row), *untold(row, record, point, covariance)]
-    general = [finding for finding in others if finding.reason == GIVEN_UP]
+    """Return the verdict of a point, with the faults that were found of it, and other findings."""
+    others, general = [*faults, *others], [finding for finding in faults if finding.reason == GIVEN_UP]
     others = [finding for finding in others if finding.reason != GIVEN_UP]
+    is_named = any(fault.status == "inconsistent" and fault.reason != GIVEN_UP for fault in faults)
+    findings = [*_copied(row), *untold(row, record, point, covariance)]
     if not findings:
         findings += _useless(row, point, noise, covariance)
-        general = [*lacking(row, point, noise), *general]
+        # what a named fault leaves, other dynamics could explain, too: in feedback the input explains its noise
+        general = general if is_named else [*lacking(row, point, noise), *general]
     unsure = [] if findings or general else list(_unsure(row, point, covariance))
-    # it follows sample by sample: the plant may have changed since; a wrong model differs from any samples
-    if not (findings or general or is_of_record) and is_right:
+    # it follows sample by sample: the plant may have changed since; from a wrong model any samples differ
+    if not (findings or general or is_named or is_of_record):
         findings += _outdated(row, point, noise, covariance)
     findings += unsure
     excited = not any(finding.status == "not excited" for finding in findings + others)

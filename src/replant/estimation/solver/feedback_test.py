@@ -98,6 +98,8 @@ def answering(
     rows = np.flatnonzero(before >= max(most, ANSWERS))[-NEWEST:]
     if rows.size < PER_COLUMN * (ANSWERS + 2):
         return Feedback()
+    # the past of an input tells it beside that of others, whatever their units
+    u, *others = (_near_one(signal) for signal in (u, *others))
     now, told, _ = _answers(u, w, rows, most, range(first, ANSWERS + 1), others)
     if not sum_of_squares(now) > ROUNDING**2 * sum_of_squares(u):
         return Feedback()  # the input is known from its past
@@ -120,6 +122,11 @@ def part_answering(u: FloatArray, w: FloatArray, before: IntArray) -> FloatArray
     gains = least_norm(told, now, RANK)[0]
     weights = combined(own[:, : gains.size + 1], np.append(1.0, -gains))
     return _carried(np.convolve(w, gains)[: u.size], weights[1:], u)
+
+
+def _near_one(signal: FloatArray) -> FloatArray:
+    """Return a signal (K,) scaled to about one by a power of two."""
+    return np.asarray(np.ldexp(signal, -int(np.frexp(np.abs(signal).max(initial=0.0))[1])))
 
 
 def _answers(
