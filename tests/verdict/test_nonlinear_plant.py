@@ -152,3 +152,11 @@ def test_the_rounding_of_a_step_response_is_no_other_plant() -> None:
     verdict = rp.fit(u, step * np.round(y / step), 0.04, poles=3).verdict
     assert verdict.status == "trusted", verdict.reasons
     assert not said(verdict, LEVELS), verdict.reasons
+
+
+def test_no_figure_is_given_beyond_first_order() -> None:
+    """Behind a parabola the gain has another sign at the ends."""
+    u = moves(3)
+    x = rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u, DT)
+    verdict = offline(u, noisy(x + 1.5 * x**2), 1)
+    assert said(verdict, "G differs by 100 % at least")

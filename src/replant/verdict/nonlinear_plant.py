@@ -163,9 +163,9 @@ def _of_levels(evidence: Evidence, runs: Runs, path: Path, known: FloatArray) ->
         far, error = max(far, size), error - effect
     if not far > math.sqrt(NEGLIGIBLE):
         return []
-    reason = (
-        f"the plant acts otherwise at other levels: within those of the record G differs by {percent(far)} at least"
-    )
+    # what is of first order tells no more of a larger change
+    least = percent(min(far, 1.0))
+    reason = f"the plant acts otherwise at other levels: within those of the record G differs by {least} at least"
     if not far > LARGEST_ERROR:
         return [Finding("trusted", f"{reason}, at a frequency that the input excites")]
     advice = "it is not linear: keep nearer to one level, or fit a model at each"
