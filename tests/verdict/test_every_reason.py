@@ -281,8 +281,8 @@ PAIRS: dict[str, Pair] = {
         lambda: fit(U, out(U)),
     ),
     "the plant seems to have dry friction: without it a coefficient differs by x %": (
-        lambda: fit(U, rubbing(U, DT, 1.0, 0.1), TWO),
-        lambda: fit(U, rubbing(U, DT, 1.0, 0.0), TWO),
+        lambda: fit(U, rubbing(U, DT, 1.0, 0.1) + 0.01 * noise(1), TWO),
+        lambda: fit(U, rubbing(U, DT, 1.0, 0.0) + 0.01 * noise(1), TWO),
     ),
     "the input seems to run straight between its samples": (
         lambda: run(smooth(), out(smooth(), ZERO, input_hold="foh"), rp.Structure(2, 1)),

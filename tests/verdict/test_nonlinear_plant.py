@@ -160,3 +160,14 @@ def test_no_figure_is_given_beyond_first_order() -> None:
     x = rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u, DT)
     verdict = offline(u, noisy(x + 1.5 * x**2), 1)
     assert said(verdict, "G differs by 100 % at least")
+
+
+@every("seed", [0, 2])
+def test_a_line_that_is_left_of_the_output_is_no_other_plant(seed: int) -> None:
+    """Taken off both signals, lines leave a part of the plant's answer; `fit` takes it for loads, or for a drift."""
+    u = binary(seed, SAMPLES, 5)
+    y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.05) + np.linspace(0.0, 20.0, SAMPLES)
+    log = rp.Log(u, y + 0.05 * np.random.default_rng(seed + 1).standard_normal(SAMPLES), 0.05)
+    verdict = rp.fit(rp.detrend(log), poles=1).verdict
+    assert not said(verdict, LEVELS)
+    assert not said(verdict, FRICTION)

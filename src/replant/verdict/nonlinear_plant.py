@@ -60,7 +60,8 @@ def nonlinear_findings(evidence: Evidence, runs: Runs, loop: Loop) -> list[Findi
     if path is None:
         return []
     linear = dynamics(evidence, runs.now, feedback=loop.feedback.found) if reference is None else reference.states[rows]
-    known = np.hstack([acting.known, linear])
+    drift = np.linspace(-1.0, 1.0, len(linear))[:, None]  # of the output, or left of one that was taken off
+    known = np.hstack([acting.known, linear, drift])
     return _of_levels(evidence, runs, path, known) + _of_friction(evidence, runs, acting, path, known)
 
 
@@ -81,7 +82,8 @@ class Path:
         )
         # a plant is at rest at its first input, but for one that integrates
         rests = float(np.abs(evidence.poles).min()) * evidence.record.span > 1.0
-        record = replace(whole, u=whole.u - whole.u[0] if rests else whole.u, measured=None)
+        # another load, or the begin of another log, changes the output's level and not x
+        record = replace(whole, u=whole.u - whole.u[0] if rests else whole.u, measured=None, begins=())
         model, before = Model(evidence), whole.u.size - evidence.samples
         states = model.states(record, evidence.dt)
         if not np.isfinite(states).all():
