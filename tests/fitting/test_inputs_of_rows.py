@@ -93,6 +93,7 @@ def test_an_input_recorded_late_is_no_controller(pole: float) -> None:
         assert not any("a controller makes it" in reason for reason in verdict.reasons)
 
 
+@pytest.mark.slow
 def test_an_input_that_a_gain_makes_of_the_output_is_no_wrong_column() -> None:
     rng, u = np.random.default_rng(7), toggling(7, samples=SAMPLES)
     y, states, drift = np.zeros(SAMPLES), np.zeros(2), 0.0
@@ -126,6 +127,7 @@ def test_an_input_recorded_late_is_told_in_any_unit(units: tuple[float, float]) 
     assert reason.startswith("input u1 answers the residual of the same sample, along with it")
 
 
+@pytest.mark.slow
 def test_of_an_input_that_a_controller_makes_no_other_dynamics_are_asked_for() -> None:
     rng, u = np.random.default_rng(7), toggling(7, samples=SAMPLES)
     y, states, drift, sum_of_errors = np.zeros(SAMPLES), np.zeros(2), 0.0, 0.0

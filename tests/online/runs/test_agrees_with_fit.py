@@ -53,6 +53,7 @@ def test_behind_loads_one_fit_is_stated_by_all() -> None:
         assert reason in verdict.reasons
 
 
+@pytest.mark.slow
 def test_loads_are_forgotten_where_samples_follow_and_kept_by_a_checkpoint() -> None:
     u, y = loaded(0)
     ident = finished(u, y, DT, poles=1, delay=0.3)
@@ -63,6 +64,7 @@ def test_loads_are_forgotten_where_samples_follow_and_kept_by_a_checkpoint() -> 
     assert ident.loads == ()
 
 
+@pytest.mark.slow
 def test_a_load_in_the_place_of_a_bad_output_lies_at_the_next_one() -> None:
     u, y = loaded(0)
     at = rp.fit(u, y, DT, poles=1, delay=0.3).loads.tolist()
