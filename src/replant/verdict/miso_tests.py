@@ -31,6 +31,7 @@ from replant.numerics.linear_algebra import (
 from replant.numerics.projections import WEAKEST, orthogonal, widening, without
 from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
 from replant.verdict.evidence import COPY_OF, FEWEST, RESTED, is_copy, moving, rounding_of
+from replant.verdict.miso_evidence import faults_of_inputs, faults_of_output, seen_by_each
 from replant.verdict.residual_tests import Reference
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, figure, percent
 
@@ -55,10 +56,14 @@ def judged(
     """Return the verdict of a point, with the faults that were found of it, and other findings."""
     others, general = [*faults, *others], [finding for finding in faults if finding.reason == GIVEN_UP]
     others = [finding for finding in others if finding.reason != GIVEN_UP]
-    is_named = any(fault.status == "inconsistent" and fault.reason != GIVEN_UP for fault in faults)
+    is_named = any(_is_fault(each) for each in faults if each.reason != GIVEN_UP)
     findings = [*_copied(row), *untold(row, record, point, covariance)]
     if not findings:
         findings += _useless(row, point, noise, covariance)
+        seen = seen_by_each(row, point, covariance) if row.outside is None else []  # in feedback they answer the noise
+        held = faults_of_output(seen)
+        named = [] if is_named or findings else list(faults_of_inputs(seen))
+        others, is_named = [*held, *named, *others], is_named or any(_is_fault(each) for each in [*held, *named])
         # what a named fault leaves, other dynamics could explain, too: in feedback the input explains its noise
         general = general if is_named else [*lacking(row, point, noise), *general]
     unsure = [] if findings or general else list(_unsure(row, point, covariance))
@@ -76,6 +81,10 @@ def judged(
         return verdict
     reason = f"no input has moved for the last {duration(rest)}: move one to learn more"
     return replace(verdict, excited=False, reasons=(*verdict.reasons, reason))
+
+
+def _is_fault(finding: Finding) -> bool:
+    return finding.status == "inconsistent"
 
 
 def _rest(row: Row) -> float:

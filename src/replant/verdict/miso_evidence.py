@@ -1,0 +1,99 @@
+"""A row as one of its inputs sees it: what is asked of one input is asked of each.
+
+What the other inputs make is taken off the output, y_i = y - sum of x_j, and what another model of these would make of
+it, their slopes, joins the offset and the initial states.  A fault of input i, or of the plant behind it, is then told
+as that of a plant of one input, see `input_faults` and `nonlinear_plant`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from replant.estimation.simulation.miso import Point, Row
+from replant.estimation.simulation.model_run import run_model
+from replant.estimation.solver.feedback_test import Feedback
+from replant.numerics.arguments import FloatArray
+from replant.verdict.assess import MOST_SAMPLES
+from replant.verdict.evidence import Evidence, Runs
+from replant.verdict.held_output import held_output_findings
+from replant.verdict.input_faults import actuator_findings, hold_findings, rhythm_findings
+from replant.verdict.nonlinear_plant import nonlinear_findings
+from replant.verdict.residual_tests import Loop, unexplained
+from replant.verdict.verdict import Finding
+
+
+class Seen(NamedTuple):
+    """What a row is to one of its inputs."""
+
+    name: str
+    evidence: Evidence
+    runs: Runs
+
+
+def seen_by_each(row: Row, point: Point, covariance: FloatArray) -> list[Seen]:
+    """Return what a row is to each input that moves, by the longest stretch of the record without a gap."""
+    if not row.stretches:
+        return []
+    longest = int(np.argmax([np.count_nonzero(each.measured) for each in row.stretches]))
+    found = (_seen_by(row, point, covariance, number, longest) for number in range(len(row.names)))
+    return [each for each in found if each is not None]
+
+
+def faults_of_output(seen: Sequence[Seen]) -> list[Finding]:
+    """Say what is wrong with the output: all inputs see the same."""
+    return held_output_findings(seen[0].evidence, seen[0].runs) if seen else []
+
+
+def faults_of_inputs(seen: Sequence[Seen]) -> Iterator[Finding]:
+    """Say what is wrong with the actuators and holds of a row, and with the plants behind them."""
+    loop = Loop(Feedback(), None, [])
+    for name, evidence, runs in seen:
+        found = [
+            *hold_findings(evidence, runs),
+            *actuator_findings(evidence, runs),
+            *rhythm_findings(evidence, runs, unexplained(evidence, runs), loop),
+            *nonlinear_findings(evidence, runs, loop),
+        ]
+        for each in found:
+            yield Finding(each.status, f"input {name}, beside the others: {each.reason}")
+
+
+def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which: int) -> Seen | None:
+    """Return what a stretch of a row is to an input; None where that does not move, or the stretch is too short."""
+    stretch, nuisances, places = row.stretches[which], point.nuisances[which], row.places[number]
+    outputs, slopes, free = row.signals(point.theta, stretch, nuisances[1:])
+    left = stretch.y - np.delete(outputs, number, axis=1).sum(axis=1)
+    whole = replace(
+        row.record.part(stretch.rows),
+        u=stretch.inputs[number].u,
+        y=np.where(stretch.measured, left, 0.0),
+        measured=stretch.measured,
+    )
+    record, theta = whole.last(MOST_SAMPLES), point.theta[places]
+    rows = slice(whole.u.size - record.u.size, None)
+    evidence = Evidence(
+        row.structures[number],
+        row.dt,
+        record,
+        estimate=theta,
+        covariance=covariance[places, places],
+        earlier=theta,
+        unseen=0,
+        learned=record.u.size,
+        in_sample=True,
+        finished=True,
+        input_zero=-float(row.inputs[stretch.rows][0, number]),
+        measured=stretch.y[rows],
+    ).in_own_units()
+    if evidence.counted < evidence.enough or not np.ptp(record.u) > 0.0:
+        return None
+    run = run_model(evidence.structure, evidence.estimate, evidence.record, evidence.dt)
+    if run is None:
+        return None
+    error = point.residual[which][rows] / evidence.output_unit
+    run = replace(run, error=error, nuisances=np.hstack([free, np.delete(slopes, places, axis=1)])[rows])
+    return Seen(row.names[number], evidence, Runs(run, run, error - error.mean(), float(np.var(evidence.record.y))))
