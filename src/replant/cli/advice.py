@@ -239,7 +239,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"another load acts since", _look),
     (r"to the bit|stuck|extreme of the output|no output has arrived|output is constant|left out", _sensor),
     (r"noise biases an estimate|left the range of float64|an update ", _default),
-    (r"make it an input, too|explains nothing of the output", _look),
+    (r"make it an input, too|explains nothing of the output|beside the others", _look),
     (
         r"(?:inputs?|reference) could explain|leaves slow parts|filtered by its noise model|leave float64"
         r"|spoke against the model",

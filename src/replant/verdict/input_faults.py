@@ -29,6 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -38,7 +39,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import ALPHA, LARGEST_PART, NEGLIGIBLE
 from replant.numerics.linear_algebra import chi2_quantile, combined, inner
 from replant.numerics.projections import without
-from replant.numerics.score_test import Explained
+from replant.numerics.score_test import Explained, Residual
 from replant.verdict.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.residual_tests import (
@@ -117,9 +118,9 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     return [Finding(status, f'{reason} {percent(size)}: use --input-hold foh, or RefinedFilter("foh")')]
 
 
-def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained, loop: Loop) -> list[Finding]:
+def dead_time_findings(acting: Acting, part: Explained) -> list[Finding]:
     """Say where another dead time would explain most of ``part``, what other dynamics could, and what that changes."""
-    acting = Acting.of(evidence, runs, loop)
+    evidence, runs, loop = acting.evidence, acting.runs, acting.loop
     past = loop.feedback.found and loop.reference is None
     late = later(evidence.record, acting.output, evidence.dt, past=past)[evidence.known, None]
     told = acting.told(late)
@@ -155,12 +156,11 @@ def timing_finding(
     yield Finding(status, reason)
 
 
-def direct_findings(evidence: Evidence, runs: Runs, loop: Loop) -> list[Finding]:
+def direct_findings(acting: Acting) -> list[Finding]:
     """Say where the input acts on the output of its own row, as no controller would, and what that changes."""
-    if not loop.is_direct:
+    if not acting.loop.is_direct:
         return []
-    acting = Acting.of(evidence, runs, loop)
-    told = acting.told(acting.input[evidence.known, None])
+    told = acting.told(acting.input[acting.evidence.known, None])
     if told is None:
         return [Finding("trusted", ALONG)]
     status = "inconsistent" if told.size > FARTHEST else "trusted"
@@ -168,12 +168,12 @@ def direct_findings(evidence: Evidence, runs: Runs, loop: Loop) -> list[Finding]
     return [Finding(status, f"{ALONG}; with a direct path a coefficient differs by {percent(told.size)}: {advice}")]
 
 
-def rhythm_findings(evidence: Evidence, runs: Runs, part: Explained, loop: Loop) -> list[Finding]:
+def rhythm_findings(acting: Acting, part: Explained) -> list[Finding]:
     """Say where a disturbance with the input's period explains more surely than ``part``, and moves coefficients."""
-    if loop.reference is not None:
+    if acting.loop.reference is not None:
         return []
-    period, waves = _waves(evidence)
-    told = Acting.of(evidence, runs, loop).told(waves[evidence.known]) if waves.size else None
+    period, waves = _waves(acting.evidence)
+    told = acting.told(waves[acting.evidence.known]) if waves.size else None
     if told is None or not (told.statistic > part.statistic and told.size > FARTHEST):
         return []
     reason = f"a disturbance that has the input's period, {duration(period)}, would explain what the model leaves, and"
@@ -230,18 +230,30 @@ class Acting:
         rows = self.evidence.known
         return np.hstack([self.slopes[rows], self.runs.now.nuisances[rows]])
 
+    @cached_property
+    def residual(self) -> Residual:
+        """What the model leaves beside these."""
+        return residual_of(self.evidence, self.runs.now.error[self.evidence.known], self.known)
+
+    @property
+    def speeds(self) -> FloatArray:
+        """How fast the poles count as (n,), see `Speeds`."""
+        reference = self.loop.reference
+        return Speeds.of(self.evidence, self.loop.is_closed, None if reference is None else reference.output).poles
+
     def told(self, columns: FloatArray) -> Told | None:
         """Return what columns (J, C) beside the model change; None where they explain nothing to speak of."""
         evidence, reference = self.evidence, self.loop.reference
-        residual = residual_of(evidence, self.runs.now.error[evidence.known], self.known)
-        found = residual.explained(columns)
+        found = self.residual.explained(columns)
         made = (evidence.record.y if reference is None else reference.output)[evidence.known]
         if not (found.is_sure and found.power > NEGLIGIBLE * power_of(evidence, made)):
             return None
-        step = -residual.weights_of(columns)[: evidence.coefficients] @ found.weights
-        by_reference = None if reference is None else reference.output
-        speeds = Speeds.of(evidence, self.loop.is_closed, by_reference).poles
-        return Told(float(found.weights[0]), self.runs.size(step, speeds), found.statistic)
+        return Told(float(found.weights[0]), self.size_of(columns, found.weights), found.statistic)
+
+    def size_of(self, columns: FloatArray, weights: FloatArray) -> float:
+        """Return by how much the largest coefficient differs beside columns (J, C) with weights (C,), as a part."""
+        step = -self.residual.weights_of(columns)[: self.evidence.coefficients] @ weights
+        return self.runs.size(step, self.speeds)
 
 
 def later(record: Record, output: FloatArray, dt: float, *, past: bool) -> FloatArray:

@@ -20,7 +20,7 @@ from replant.numerics.arguments import FloatArray
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.held_output import held_output_findings
-from replant.verdict.input_faults import actuator_findings, hold_findings, rhythm_findings
+from replant.verdict.input_faults import Acting, actuator_findings, hold_findings, rhythm_findings
 from replant.verdict.nonlinear_plant import nonlinear_findings
 from replant.verdict.residual_tests import Loop, unexplained
 from replant.verdict.verdict import Finding
@@ -52,11 +52,12 @@ def faults_of_inputs(seen: Sequence[Seen]) -> Iterator[Finding]:
     """Say what is wrong with the actuators and holds of a row, and with the plants behind them."""
     loop = Loop(Feedback(), None, [])
     for name, evidence, runs in seen:
+        acting = Acting.of(evidence, runs, loop)
         found = [
             *hold_findings(evidence, runs),
             *actuator_findings(evidence, runs),
-            *rhythm_findings(evidence, runs, unexplained(evidence, runs), loop),
-            *nonlinear_findings(evidence, runs, loop),
+            *rhythm_findings(acting, unexplained(evidence, runs)),
+            *nonlinear_findings(acting),
         ]
         for each in found:
             yield Finding(each.status, f"input {name}, beside the others: {each.reason}")

@@ -40,20 +40,21 @@ from replant.numerics.levels import ALPHA, NEGLIGIBLE
 from replant.numerics.linear_algebra import chi2_quantile, combined
 from replant.numerics.score_test import Explained
 from replant.verdict.estimate_distance import LARGEST_ERROR, excited_frequencies
-from replant.verdict.estimate_tests import FARTHEST, Speeds
+from replant.verdict.estimate_tests import FARTHEST
 from replant.verdict.evidence import Evidence, Runs, rounding_of
 from replant.verdict.input_faults import Acting
-from replant.verdict.residual_tests import Loop, dynamics, residual_of
+from replant.verdict.residual_tests import dynamics, residual_of
 from replant.verdict.verdict import Finding, percent
 
 POWERS = (1, 2)  # of the operating point: what depends on it, and what depends on how far away it is [exponents]
 ENDS = (0.05, 0.95)  # between which nine samples in ten have their operating point [quantiles]
 
 
-def nonlinear_findings(evidence: Evidence, runs: Runs, loop: Loop) -> list[Finding]:
+def nonlinear_findings(acting: Acting) -> list[Finding]:
     """Say where coefficients depend on the operating point, or friction acts, and what that changes."""
+    evidence, runs, loop = acting.evidence, acting.runs, acting.loop
     reference, rows = loop.reference, evidence.known
-    used, acting = evidence.used[rows], Acting.of(evidence, runs, loop)
+    used = evidence.used[rows]
     if not runs.now.error[rows][used].std() > rounding_of(runs.now.forced[rows], evidence.record.y[rows][used]):
         return []  # rounding follows from the path, too
     path = Path.of(evidence, acting.input if reference is not None else None)
@@ -62,7 +63,7 @@ def nonlinear_findings(evidence: Evidence, runs: Runs, loop: Loop) -> list[Findi
     linear = dynamics(evidence, runs.now, feedback=loop.feedback.found) if reference is None else reference.states[rows]
     drift = np.linspace(-1.0, 1.0, len(linear))[:, None]  # of the output, or left of one that was taken off
     known = np.hstack([acting.known, linear, drift])
-    return _of_levels(evidence, runs, path, known) + _of_friction(evidence, runs, acting, path, known)
+    return _of_levels(evidence, runs, path, known) + _of_friction(acting, path, known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,18 +185,14 @@ def _change_of_response(evidence: Evidence, model: Model, found: Explained, powe
     return max(float(surely.max()), 0.0)
 
 
-def _of_friction(evidence: Evidence, runs: Runs, acting: Acting, path: Path, known: FloatArray) -> list[Finding]:
+def _of_friction(acting: Acting, path: Path, known: FloatArray) -> list[Finding]:
     """Say where dry friction explains a part of the residual, and what that changes."""
-    rows = evidence.known
-    error = runs.now.error[rows]
+    evidence, rows = acting.evidence, acting.evidence.known
     braked = -path.model.output(np.sign(path.states[:, 1:2]), path.record, evidence.dt)[path.before :][rows]
-    found = residual_of(evidence, error, known).explained(braked)
+    found = residual_of(evidence, acting.runs.now.error[rows], known).explained(braked)
     if not (found.is_sure and found.weights[0] > 0.0):
         return []
-    step = -residual_of(evidence, error, acting.known).weights_of(braked)[: evidence.coefficients, 0] * found.weights[0]
-    loop = acting.loop
-    speeds = Speeds.of(evidence, loop.is_closed, None if loop.reference is None else loop.reference.output).poles
-    size = runs.size(step, speeds)
+    size = acting.size_of(braked, found.weights)
     if not size > FARTHEST:
         return []
     reason = f"the plant seems to have dry friction: without it a coefficient differs by {percent(size)}"

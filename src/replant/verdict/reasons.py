@@ -47,6 +47,7 @@ from replant.verdict.evidence import (
 )
 from replant.verdict.held_output import held_output_findings
 from replant.verdict.input_faults import (
+    Acting,
     actuator_findings,
     dead_time_findings,
     direct_findings,
@@ -227,11 +228,12 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
     made = None if loop.reference is None else loop.reference.output
     certainty = Certainty.of(evidence, runs, loop.is_closed, made)
     figures |= certainty.figures
+    acting = Acting.of(evidence, runs, loop)
     model = [
         *_fit(evidence, runs, loop, figures),
         *([] if loop.is_closed else actuator_findings(evidence, runs)),
-        *_unexplained(evidence, runs, loop, figures),
-        *nonlinear_findings(evidence, runs, loop),
+        *_unexplained(acting, figures),
+        *nonlinear_findings(acting),
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
         *sensor_and_excitation.growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *sensor_and_excitation.burst_finding(evidence, runs),
@@ -241,7 +243,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         model = [Finding(max(found.status, "converging", key=STATUSES.index), found.reason) for found in model]
     held = [] if loop.reference is not None else hold_findings(evidence, runs)
     # an input that acts half a sample earlier than it was taken to act seems to answer the residual
-    return (held or loop.findings + direct_findings(evidence, runs, loop)) + model + certainty.findings
+    return (held or loop.findings + direct_findings(acting)) + model + certainty.findings
 
 
 def _disagreement(size: float) -> list[Finding]:
@@ -288,15 +290,16 @@ def _how_run(evidence: Evidence, loop: Loop) -> str:
     return "one step ahead" if evidence.unstable_pole > 0.0 else "simulated from the input alone"
 
 
-def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
+def _unexplained(acting: Acting, figures: Figures) -> list[Finding]:
     """Say what other dynamics, or the reference, could still explain of the residual."""
+    evidence, runs, loop = acting.evidence, acting.runs, acting.loop
     closed = loop.feedback.found
     if loop.reference is not None:  # in feedback the input may explain what the noise model leaves
         part, source = unexplained_by_reference(evidence, runs.now, loop.reference), "reference"
     else:
         part, source = unexplained(evidence, runs, feedback=closed), "input"
     figures |= {"explained": part.power, "explained_limit": part.statistic}
-    named = rhythm_findings(evidence, runs, part, loop) or dead_time_findings(evidence, runs, part, loop)
+    named = rhythm_findings(acting, part) or dead_time_findings(acting, part)
     if named:
         return named
     if not part.is_sure or part.power < NEGLIGIBLE:
