@@ -2,7 +2,7 @@
 
 What the other inputs make is taken off the output, y_i = y - sum of x_j, and what another model of these would make of
 it, their slopes, joins the offset and the initial states.  A fault of input i, or of the plant behind it, is then told
-as that of a plant of one input, see `input_faults` and `nonlinear_plant`.
+as that of a plant of one input, see `input_faults` and `plant_faults`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.held_output import held_output_findings
 from replant.verdict.input_faults import Acting, actuator_findings, hold_findings, rhythm_findings
-from replant.verdict.nonlinear_plant import nonlinear_findings
+from replant.verdict.plant_faults import plant_findings
 from replant.verdict.residual_tests import Loop, unexplained
 from replant.verdict.verdict import Finding
 
@@ -57,7 +57,7 @@ def faults_of_inputs(seen: Sequence[Seen]) -> Iterator[Finding]:
             *hold_findings(evidence, runs),
             *actuator_findings(evidence, runs),
             *rhythm_findings(acting, unexplained(evidence, runs)),
-            *nonlinear_findings(acting),
+            *plant_findings(acting),
         ]
         for each in found:
             yield Finding(each.status, f"input {name}, beside the others: {each.reason}")

@@ -54,7 +54,7 @@ from replant.verdict.input_faults import (
     hold_findings,
     rhythm_findings,
 )
-from replant.verdict.nonlinear_plant import nonlinear_findings
+from replant.verdict.plant_faults import plant_findings
 from replant.verdict.residual_tests import (
     COLOURED,
     Loop,
@@ -233,7 +233,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *_fit(evidence, runs, loop, figures),
         *([] if loop.is_closed else actuator_findings(evidence, runs)),
         *_unexplained(acting, figures),
-        *nonlinear_findings(acting),
+        *plant_findings(acting),
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
         *sensor_and_excitation.growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *sensor_and_excitation.burst_finding(evidence, runs),

@@ -6,7 +6,7 @@ r"""Tests of a model's residual by the score test (`numerics.score_test`), and o
 | the reference explains more | Laguerre functions of it |
 | another column of the file | those of other dynamics, made of it (`other_columns`) |
 | actuator, hold, dead time | see `input_faults` |
-| a plant that is not linear | see `nonlinear_plant` |
+| a plant that is not linear | see `plant_faults` |
 
 Under feedback the input answers the residual of a right model, too, at once and later, as is told by
 `replant.estimation.solver.feedback_test`: the columns of a sample then hold only what was known before it (of a model

@@ -50,7 +50,7 @@ POWERS = (1, 2)  # of the operating point: what depends on it, and what depends 
 ENDS = (0.05, 0.95)  # between which nine samples in ten have their operating point [quantiles]
 
 
-def nonlinear_findings(acting: Acting) -> list[Finding]:
+def plant_findings(acting: Acting) -> list[Finding]:
     """Say where coefficients depend on the operating point, or friction acts, and what that changes."""
     evidence, runs, loop = acting.evidence, acting.runs, acting.loop
     reference, rows = loop.reference, evidence.known

@@ -11,7 +11,7 @@ import replant as rp
 from replant.estimation.engine.record import Record
 from replant.signals import random_steps
 from replant.verdict.evidence import Evidence
-from replant.verdict.nonlinear_plant import Path
+from replant.verdict.plant_faults import Path
 from support.bending import damped, lagging, rubbing
 from support.builders import binary
 from support.cases import every
