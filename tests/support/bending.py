@@ -27,6 +27,11 @@ def lagging(u: np.ndarray, dt: float, bend: Callable[[float], float]) -> np.ndar
     return integrated(lambda x, now: (now - x) / (1.0 + bend(float(x[0]))), 1, u, dt)[:, 0]
 
 
+def turning(u: np.ndarray, dt: float, up: float, down: float) -> np.ndarray:
+    """The output of y' = rate (u - y), which is another rate on the way up than on the way down."""
+    return integrated(lambda x, now: (up if now > x[0] else down) * (now - x), 1, u, dt)[:, 0]
+
+
 def damped(u: np.ndarray, dt: float, bend: Callable[[float], float]) -> np.ndarray:
     """The output of y'' + (1 + bend(y)) y' + y = u."""
 

@@ -22,7 +22,7 @@ from replant.verdict import Verdict, assess_record
 from replant.verdict.evidence import Evidence
 from replant.verdict.other_columns import other_columns, with_other_columns
 from replant.verdict.reasons import judge
-from support.bending import lagging, rubbing
+from support.bending import lagging, rubbing, turning
 from support.builders import binary
 from support.cases import every
 from support.loops import DT as LOOP_DT
@@ -278,6 +278,14 @@ PAIRS: dict[str, Pair] = {
     ),
     "the plant acts otherwise at other levels: within those of the record G differs by x % at least": (
         lambda: fit(U, lagging(U, DT, lambda y: 0.4 * y)),
+        lambda: fit(U, out(U)),
+    ),
+    "the plant acts otherwise on its way up than on its way down: G differs from the model by x % at least": (
+        lambda: fit(HELD, turning(HELD, DT, 1.25, 0.8) + 0.01 * noise(1)),
+        lambda: fit(HELD, out(HELD)),
+    ),
+    "the plant changes as the record goes on: G differs from the model by x % at least": (
+        lambda: fit(U, out(U * (1.0 + 0.3 * np.sin(6.0 * np.pi * np.arange(SAMPLES) / SAMPLES)))),
         lambda: fit(U, out(U)),
     ),
     "the plant seems to have dry friction: without it a coefficient differs by x %": (

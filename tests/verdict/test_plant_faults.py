@@ -12,12 +12,13 @@ from replant.estimation.engine.record import Record
 from replant.signals import random_steps
 from replant.verdict.evidence import Evidence
 from replant.verdict.plant_faults import Path
-from support.bending import damped, lagging, rubbing
+from support.bending import damped, lagging, rubbing, turning
 from support.builders import binary
 from support.cases import every
 
 DT, SAMPLES = 0.1, 2000
 LEVELS, FRICTION = "the plant acts otherwise at other levels", "dry friction"
+WAYS, TIMES = "the plant acts otherwise on its way up than on its way down", "the plant changes as the record goes on"
 Plant = Callable[[np.ndarray], np.ndarray]
 BENT: dict[str, tuple[Plant, int]] = {
     "a time constant that grows": (lambda u: lagging(u, DT, lambda y: 0.3 * y), 1),
@@ -92,7 +93,48 @@ def test_a_linear_plant_is_not(seed: int) -> None:
         verdict = rp.fit(u, y, DT, poles=plant.den.size - 1, zeros=plant.num.size - 1).verdict
         assert verdict.status == "trusted", verdict.reasons
         assert not said(verdict, LEVELS), verdict.reasons
-        assert not said(verdict, FRICTION), verdict.reasons
+        assert not any(said(verdict, words) for words in (FRICTION, WAYS, TIMES)), verdict.reasons
+
+
+def figure_of(verdict: rp.Assessment, words: str) -> float:
+    """By how much G is said to differ; 0 where nothing is."""
+    said = [reason for reason in verdict.reasons if reason.startswith(words)]
+    return float(said[0].split(" by ")[1].split(" %")[0]) if said else 0.0
+
+
+@pytest.mark.parametrize("judged", [offline, finished, online])
+@every("up, down", [(1.25, 0.75), (0.8, 1.3)], quick=1)
+def test_a_plant_that_rises_faster_than_it_falls_is_named(
+    up: float, down: float, judged: Callable[[np.ndarray, np.ndarray, int], rp.Assessment]
+) -> None:
+    """As a heater that cools more slowly than it heats: its mean had been trusted."""
+    u = random_steps(SAMPLES, shortest=10, longest=50, low=-1.0, high=1.0, seed=5)
+    verdict = judged(u, noisy(turning(u, DT, up, down), 0.03), 1)
+    assert verdict.status == "inconsistent", verdict.reasons
+    # 25 % either way, of which the mean has none; beyond chance it is less
+    assert 15.0 < figure_of(verdict, WAYS) < 30.0, verdict.reasons
+
+
+@pytest.mark.parametrize("judged", [offline, finished, online])
+@every("periods, size", [(1.0, 0.3), (3.3, 0.3)], quick=1)
+def test_a_plant_whose_gain_goes_up_and_down_is_named(
+    periods: float, size: float, judged: Callable[[np.ndarray, np.ndarray, int], rp.Assessment]
+) -> None:
+    """The mean of its gain had been trusted, with a fit of 75 % where the noise allows 97 %."""
+    u = random_steps(SAMPLES, shortest=5, longest=30, low=-1.0, high=1.0, seed=6)
+    swing = 1.0 + size * np.sin(2.0 * np.pi * periods * np.arange(SAMPLES) / SAMPLES)
+    y = rp.TransferFunction([1.5], [1.0, 0.7, 1.2]).simulate(u * swing, DT)
+    verdict = judged(u, noisy(y, 0.03), 2)
+    assert verdict.status == "inconsistent", verdict.reasons
+    assert figure_of(verdict, TIMES) < 100.0 * size
+    assert said(verdict, TIMES) or any("the plant" in reason and "change" in reason for reason in verdict.reasons)
+
+
+def test_small_differences_are_a_remark() -> None:
+    u = random_steps(SAMPLES, shortest=10, longest=50, low=-1.0, high=1.0, seed=5)
+    verdict = offline(u, noisy(turning(u, DT, 1.04, 0.96), 0.005), 1)
+    assert verdict.status == "trusted", verdict.reasons
+    assert 1.0 < figure_of(verdict, WAYS) < 5.0, verdict.reasons
 
 
 @every("spring", [0.0, 1.0])
@@ -116,7 +158,7 @@ def test_the_columns_are_the_changes_of_the_output_to_first_order() -> None:
     assert path is not None
     x = rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u, dt)
     # a change of the coefficient of x', by x itself
-    column = path.model.changes(path.states, path.record, dt, x, 1)[:, 1]
+    column = path.model.changes(path.states, path.record, dt, x)[:, 1]
 
     def left(bend: float) -> float:
         bent = lagging(u, dt, lambda y: bend * y) - x

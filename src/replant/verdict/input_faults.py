@@ -34,7 +34,7 @@ from functools import cached_property
 import numpy as np
 
 from replant.estimation.engine.record import Record
-from replant.estimation.simulation.model_run import ModelRun, run_model
+from replant.estimation.simulation.model_run import ModelRun, responses, run_model
 from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import ALPHA, LARGEST_PART, NEGLIGIBLE
 from replant.numerics.linear_algebra import chi2_quantile, combined, inner
@@ -81,7 +81,7 @@ def actuator_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     residual = residual_of(evidence, error, np.hstack([nuisances, linear]))
     surest, part, fault = 1.0, 0.0, ""
     for curves, (inward, outward) in _curves(v):
-        found = residual.explained(_behind_the_plant(evidence, run, curves)[before:][rows])
+        found = residual.explained(_behind_the_plant(evidence, curves)[before:][rows])
         if found.statistic > surest:
             surest, part = found.statistic, min(found.power / power, 1.0)
             fault = (
@@ -328,11 +328,8 @@ def _grows_outward(v: FloatArray, curve: FloatArray) -> bool:
     return inner(without(curve[:, None], straight)[:, 0], without((v * np.abs(v))[:, None], straight)[:, 0]) > 0.0
 
 
-def _behind_the_plant(evidence: Evidence, run: ModelRun, curves: FloatArray) -> FloatArray:
+def _behind_the_plant(evidence: Evidence, curves: FloatArray) -> FloatArray:
     """Return the model's outputs (K, C) where the input is replaced by each of the curves (K, C), from the first on."""
-    outputs, whole = np.zeros_like(curves), evidence.record.joined
-    for column, curve in enumerate(curves.T):
-        ran = run_model(run.structure, run.parameters, replace(whole, u=curve.copy()), evidence.dt)
-        if ran is not None:
-            outputs[:, column] = ran.forced
-    return outputs
+    model, whole = evidence.structure.transfer_function(evidence.estimate), evidence.record.joined
+    outputs = responses(model, curves, whole, evidence.dt, whole.input_hold)
+    return np.where(np.isfinite(outputs).all(axis=0), outputs, 0.0)

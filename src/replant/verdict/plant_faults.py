@@ -1,8 +1,10 @@
-r"""Faults of the plant: coefficients that depend on the operating point, and dry friction.
+r"""Faults of the plant: coefficients that depend on the operating point, the direction or the time; dry friction.
 
 | fault | columns of its score test |
 |---|---|
 | a coefficient depends on the operating point | x^p x^(i) through B/A, i to n; x^p x^(j), j to m; p = 1 and 2 |
+| on the direction | sign(x') x^(i) through B/A, i < n; sign(x') x^(j) |
+| on the time | cos(pi k t / T) x^(i) through B/A, i < n; cos(pi k t / T) x^(j); k = 1 to 8 |
 | the plant has dry friction | the sign of x' through B/A |
 
 x is the state of the model, 1/A u about its mean, the operating point where the model has no zeros the output itself.
@@ -13,7 +15,9 @@ A plant whose coefficients depend on it,
 has, to first order, these columns beside the slopes of the linear model; a curve of the output is among them.  About a
 level x the change :math:`w x^p x^{(i)}` is one of the coefficient by :math:`w x^p`, where i = 0 by p + 1 times that:
 the curve's slope, and not its value, makes the gain.  What matters is what that makes of G about the levels that the
-record visits: of the output's power, which the levels themselves make, it may be a small part.
+record visits: of the output's power, which the levels themselves make, it may be a small part.  A heater that cools
+more slowly than it heats has another G on its way down, a motor that warms up, or a battery that sags, another one at
+another time.
 
 The columns of a sample hold only what was known before it: in feedback they tell as much.  With a reference they are
 made of what that explains of the input.  What other dynamics could explain is taken away before.
@@ -27,27 +31,35 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
-from replant.estimation.simulation.model_run import PER_COEFFICIENT
+from replant.estimation.simulation.model_run import PER_COEFFICIENT, responses
 from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import ALPHA, NEGLIGIBLE
-from replant.numerics.linear_algebra import chi2_quantile, combined
-from replant.numerics.score_test import Explained
+from replant.numerics.linear_algebra import chi2_quantile, combined, roots
 from replant.verdict.estimate_distance import LARGEST_ERROR, excited_frequencies
 from replant.verdict.estimate_tests import FARTHEST
-from replant.verdict.evidence import Evidence, Runs, rounding_of
+from replant.verdict.evidence import Evidence, rounding_of
 from replant.verdict.input_faults import Acting
 from replant.verdict.residual_tests import dynamics, residual_of
 from replant.verdict.verdict import Finding, percent
 
 POWERS = (1, 2)  # of the operating point: what depends on it, and what depends on how far away it is [exponents]
 ENDS = (0.05, 0.95)  # between which nine samples in ten have their operating point [quantiles]
+# as many columns as G has coefficients each
+WAVES = 8  # half periods within a record, up to which changes are told [count]
+POINTS = 5  # times in each half period of the fastest at which G is looked at [count]
+
+LEVELS = "the plant acts otherwise at other levels: within those of the record G differs by {} at least"
+WAYS = "the plant acts otherwise on its way up than on its way down: G differs from the model by {} at least"
+TIMES = "the plant changes as the record goes on: G differs from the model by {} at least"
 
 
 def plant_findings(acting: Acting) -> list[Finding]:
@@ -63,7 +75,9 @@ def plant_findings(acting: Acting) -> list[Finding]:
     linear = dynamics(evidence, runs.now, feedback=loop.feedback.found) if reference is None else reference.states[rows]
     drift = np.linspace(-1.0, 1.0, len(linear))[:, None]  # of the output, or left of one that was taken off
     known = np.hstack([acting.known, linear, drift])
-    return _of_levels(evidence, runs, path, known) + _of_friction(acting, path, known)
+    told = (ask(acting, path, known) for ask in (_of_levels, _of_direction, _of_time))
+    largest = max(filter(None, told), key=lambda each: each.far)  # what one explains others explain in part
+    return largest.findings + _of_friction(acting, path, known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +106,10 @@ class Path:
         states[:, 0] -= states[before:][evidence.known, 0].mean()
         return cls(model, record, states, before)
 
+    def braked(self, dt: float) -> FloatArray:
+        """Return what dry friction makes of the output (J, 1)."""
+        return -self.model.output(np.sign(self.states[:, 1:2]), self.record, dt)[self.before :]
+
     @property
     def level(self) -> FloatArray:
         """The operating point (K,), of the size one."""
@@ -104,26 +122,28 @@ class Model:
 
     def __init__(self, evidence: Evidence) -> None:
         structure = evidence.structure
-        self.structure, self.dt, self.hold = structure, evidence.dt, evidence.record.input_hold
+        self.structure, self.hold = structure, evidence.record.input_hold
         self.a, self.b = evidence.estimate[structure.denominator], evidence.estimate[structure.numerator]
 
     def states(self, record: Record, dt: float) -> FloatArray:
         """Return x, x' .. and the derivative n of x = 1/A u (K, n + 1)."""
         n = self.structure.poles
         full = Structure(n, n, self.structure.delay, feedthrough=True)
-        return self._of(full, dt, self.hold, record)[:, full.numerator][:, ::-1].copy()
+        model = AuxiliaryModel(full, dt, self.hold)
+        theta = np.zeros(model.entries)
+        theta[full.denominator] = self.a
+        return model.run(theta, record).phi[:, full.numerator][:, ::-1].copy()
 
     def output(self, inputs: FloatArray, record: Record, dt: float) -> FloatArray:
         """Return B/A of held inputs (K, C), without the dead time, which they have already."""
-        structure, outputs = replace(self.structure, delay=0.0, bias=False), np.empty_like(inputs)
-        for outcome, u in zip(outputs.T, inputs.T, strict=True):
-            slopes = self._of(structure, dt, "zoh", replace(record, u=u.copy()))
-            outcome[:] = combined(slopes[:, structure.numerator], self.b)
-        return outputs
+        poles = roots(np.append(1.0, self.a))  # those that are not stable are reflected, as in the states
+        stable = np.poly(-np.abs(poles.real) + 1j * poles.imag).real
+        plant = TransferFunction(self.b, np.asarray(stable, np.float64))
+        return responses(plant, inputs, record, dt, "zoh")
 
-    def changes(self, states: FloatArray, record: Record, dt: float, level: FloatArray, power: int) -> FloatArray:
-        """Return what changes of a_0 .. a_n, b_0 .. b_m by a level's power make of the output (K, n + m + 2)."""
-        factor, after = level[:, None] ** power, states[1:].copy()
+    def changes(self, states: FloatArray, record: Record, dt: float, factor: FloatArray) -> FloatArray:
+        """Return what changes of a_0 .. a_n, b_0 .. b_m by a factor (K,) make of the output (K, n + m + 2)."""
+        factor, after = factor[:, None], states[1:].copy()
         if self.hold == "zoh":  # the derivative n jumps with the input: at the end of a sample it is that of its input
             low = self.a[::-1]
             after[:, -1] = states[:-1, -1] + combined(states[:-1, :-1] - after[:, :-1], low)
@@ -138,57 +158,116 @@ class Model:
         a, b = powers @ np.append(self.a[::-1], 1.0), powers[:, : self.b.size] @ self.b[::-1]
         return np.hstack([-powers / a[:, None], powers[:, : self.b.size] / b[:, None]])
 
-    def _of(self, structure: Structure, dt: float, hold: str, record: Record) -> FloatArray:
-        model = AuxiliaryModel(structure, dt, hold)
-        theta = np.zeros(model.entries)
-        theta[structure.denominator] = self.a
-        return model.run(theta, record).phi
+
+class Depends(NamedTuple):
+    """What is told of coefficients that depend on something."""
+
+    columns: FloatArray  # (J, C): that were looked at
+    far: float  # by how much G surely differs, as a part of it; 0 where nothing is told
+    effect: FloatArray  # (J,): what that makes of the output
 
 
-def _of_levels(evidence: Evidence, runs: Runs, path: Path, known: FloatArray) -> list[Finding]:
-    """Say where G is another one at other levels of the record."""
-    level, rows, far = path.level, evidence.known, 0.0
-    error, visited = runs.now.error[rows], level[path.before :][rows]
-    for power in POWERS:
-        columns = path.model.changes(path.states, path.record, evidence.dt, level, power)[path.before :][rows]
-        if known.shape[1] + columns.shape[1] > error.size / PER_COEFFICIENT:
-            break
-        residual = residual_of(evidence, error, known)
-        found = residual.explained(columns)
-        known = np.hstack([known, columns])
-        if not found.is_sure:
-            continue
-        effect = residual.left_of(columns, found.weights)
-        found = residual.beside(error, effect).explained(columns)
-        factor = visited**power
-        ends = np.quantile(factor, ENDS) - factor.mean()  # the model has the mean
-        size = float(np.abs(ends).max()) * _change_of_response(evidence, path.model, found, power)
-        far, error = max(far, size), error - effect
-    if not far > math.sqrt(NEGLIGIBLE):
-        return []
-    # what is of first order tells no more of a larger change
-    least = percent(min(far, 1.0))
-    reason = f"the plant acts otherwise at other levels: within those of the record G differs by {least} at least"
-    if not far > LARGEST_ERROR:
-        return [Finding("trusted", f"{reason}, at a frequency that the input excites")]
-    advice = "it is not linear: keep nearer to one level, or fit a model at each"
-    return [Finding("inconsistent", f"{reason}, at a frequency that the input excites; {advice}")]
+def _depends(
+    acting: Acting, path: Path, error: FloatArray, known: FloatArray, factors: FloatArray, at: FloatArray,
+    slope: float = 1.0, *, slow: bool = False,
+) -> Depends | None:  # fmt: skip
+    """Return what is told of coefficients that go with factors (K, S), of G where these are ``at`` (P, S).
 
-
-def _change_of_response(evidence: Evidence, model: Model, found: Explained, power: int) -> float:
-    """Return by how much G changes surely at a level of one, as a part of it, at an excited frequency."""
+    None where the samples are too few; ``slope``: how many times as much of the gain as of its column.
+    """
+    evidence, model, rows = acting.evidence, path.model, acting.evidence.known
+    chosen = np.ones(model.a.size + model.b.size + 1, bool)
+    chosen[model.a.size] = not slow  # of what changes slowly a_n tells no more than the others do together
+    parts = [model.changes(path.states, path.record, evidence.dt, each)[:, chosen] for each in factors.T]
+    columns = np.hstack(parts)[path.before :][rows]
+    if known.shape[1] + columns.shape[1] > error.size / PER_COEFFICIENT:
+        return None
+    residual = residual_of(evidence, error, known)
+    found = residual.explained(columns)
+    if not found.is_sure:
+        return Depends(columns, 0.0, np.zeros(error.size))
+    effect = residual.left_of(columns, found.weights)
+    found = residual.beside(error, effect).explained(columns)
     changes = model.changes_of_response(excited_frequencies(evidence))
-    changes[:, [0, evidence.structure.poles + 1]] *= power + 1.0  # the slope of x^(p + 1), over x^p
+    changes[:, [0, model.a.size + 1]] *= slope
     # whichever the weights are of those that are no chance
-    chance = math.sqrt(chi2_quantile(1.0 - ALPHA, found.roots.shape[1]))
-    surely = np.abs(changes @ found.weights) - chance * np.linalg.norm(changes @ found.roots, axis=1)
-    return max(float(surely.max()), 0.0)
+    chance, far = math.sqrt(chi2_quantile(1.0 - ALPHA, found.roots.shape[1])), 0.0
+    for each in at:
+        made = np.kron(each, changes[:, chosen])
+        surely = np.abs(made @ found.weights) - chance * np.linalg.norm(made @ found.roots, axis=1)
+        far = max(far, float(surely.max()))
+    return Depends(columns, far, effect)
+
+
+class Told(NamedTuple):
+    """What is to be said of coefficients that depend on something."""
+
+    far: float  # by how much G surely differs, as a part of it
+    reason: str
+    advice: str
+
+    @property
+    def findings(self) -> list[Finding]:
+        """By how much G differs, where that is worth a word."""
+        if not self.far > math.sqrt(NEGLIGIBLE):
+            return []
+        # what is of first order tells no more of a larger change
+        reason = f"{self.reason.format(percent(min(self.far, 1.0)))}, at a frequency that the input excites"
+        is_fault = self.far > LARGEST_ERROR
+        return [Finding("inconsistent", f"{reason}; {self.advice}") if is_fault else Finding("trusted", reason)]
+
+
+def _of_levels(acting: Acting, path: Path, known: FloatArray) -> Told:
+    """Return what is told of G at other levels of the record."""
+    rows, far = acting.evidence.known, 0.0
+    error = acting.runs.now.error[rows]
+    for power in POWERS:
+        factor = path.level**power
+        visited = factor[path.before :][rows]
+        ends = np.quantile(visited, ENDS) - visited.mean()  # the model has the mean
+        # the slope of x^(p + 1), over x^p
+        found = _depends(acting, path, error, known, factor[:, None], ends[:, None], power + 1.0)
+        if found is None:
+            break
+        far, error, known = max(far, found.far), error - found.effect, np.hstack([known, found.columns])
+    return Told(far, LEVELS, "it is not linear: keep nearer to one level, or fit a model at each")
+
+
+def _of_direction(acting: Acting, path: Path, known: FloatArray) -> Told | None:
+    """Return what is told of G on the way up and on the way down; None where the samples are too few."""
+    rows = acting.evidence.known
+    factor = np.sign(path.states[:, 1:2])
+    visited = factor[path.before :][rows]
+    known = np.hstack([known, path.braked(acting.evidence.dt)[rows]])
+    ends = np.array([[visited.min()], [visited.max()]]) - visited.mean()
+    found = _depends(acting, path, acting.runs.now.error[rows], known, factor, ends)
+    if found is None:
+        return None
+    return Told(found.far, WAYS, "it is not linear: fit a model of the moves in each direction")
+
+
+def _of_time(acting: Acting, path: Path, known: FloatArray) -> Told | None:
+    """Return what is told of G at other times; None where that is said already, or the samples are too few."""
+    evidence, rows = acting.evidence, acting.evidence.known
+    error = acting.runs.now.error[rows]
+    waves = min(WAVES, int(error.size / PER_COEFFICIENT - known.shape[1]) // evidence.coefficients)
+    if waves < 1 or evidence.plant_change is not None:
+        return None
+    intervals = np.broadcast_to(path.record.intervals, path.states[:, 0].shape)
+    part = np.cumsum(intervals) / float(intervals.sum())
+    factors = np.cos(np.pi * part[:, None] * np.arange(1, waves + 1))
+    visited = factors[path.before :][rows]
+    at = visited[np.linspace(0, len(visited) - 1, POINTS * waves).astype(int)] - visited.mean(axis=0)
+    found = _depends(acting, path, error, known, factors, at, slow=True)
+    if found is None:
+        return None
+    return Told(found.far, TIMES, "identify shorter parts by themselves, or forget old samples")
 
 
 def _of_friction(acting: Acting, path: Path, known: FloatArray) -> list[Finding]:
     """Say where dry friction explains a part of the residual, and what that changes."""
     evidence, rows = acting.evidence, acting.evidence.known
-    braked = -path.model.output(np.sign(path.states[:, 1:2]), path.record, evidence.dt)[path.before :][rows]
+    braked = path.braked(evidence.dt)[rows]
     found = residual_of(evidence, acting.runs.now.error[rows], known).explained(braked)
     if not (found.is_sure and found.weights[0] > 0.0):
         return []

@@ -27,6 +27,7 @@ from replant.estimation.simulation.fitted_run import (
     weights_of,
 )
 from replant.kernels.schema import LARGEST
+from replant.model.state_space import Response
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import BoolArray, FloatArray
@@ -106,6 +107,17 @@ def run_model(
         zeta = apart.run(theta, whole, by_reference).since(known).zeta
         instruments = np.hstack([zeta[:, full.denominator], zeta[:, own]])
     return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances, direct, instruments)
+
+
+@quiet
+def responses(model: TransferFunction, inputs: FloatArray, record: Record, dt: float, hold: str) -> FloatArray:
+    """Return the outputs (K, C) of a model by inputs (K, C) on a record's clock, from rest behind each gap."""
+    outputs = np.empty_like(inputs)
+    for rows in record.parts:
+        intervals = None if record.intervals.size == 1 else record.intervals[rows]
+        for column, u in enumerate(inputs[rows].T):
+            outputs[rows, column] = Response(model, dt, hold).take(np.ascontiguousarray(u), intervals).output
+    return outputs
 
 
 def model_output(
