@@ -164,22 +164,21 @@ def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
 
 def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     """No bands where there is no standard deviation, figures with their units, how long there was no estimate."""
-    from replant.report import contents as words
-    from replant.report.contents import Material
+    from replant.report.contents import Material, captions
 
     with_bands, without = (
         Material(case.result, case.log, case.result.fixed_filter, rp.Preprocess()) for case in (uncertain, plain)
     )
-    assert "with bands of two standard deviations" in words.of_parameters(with_bands)
-    assert "bands" not in words.of_parameters(without)
+    assert "with bands of two standard deviations" in captions(with_bands)["parameters"]
+    assert "bands" not in captions(without)["parameters"]
     history = dataclasses.replace(plain.result.history, std=np.full_like(plain.result.history.parameters, np.nan))
     unknown = dataclasses.replace(without, result=dataclasses.replace(plain.result, history=history))
-    assert "bands" not in words.of_parameters(unknown)
+    assert "bands" not in captions(unknown)["parameters"]
     held = int((plain.result.history.parameters != 0.0).any(axis=1).argmax()) + 1
-    assert f"The first estimate is made from the first {held * plain.log.dt:g} s." in words.of_parameters(without)
+    assert f"The first estimate is made from the first {held * plain.log.dt:g} s." in captions(without)["parameters"]
     size = np.sqrt(np.mean((plain.log.output - plain.result.simulation.output) ** 2))
-    assert f"root mean square of the residual is {size:.3g} rpm" in words.of_fit(without)
-    assert words.of_bode(without).endswith("rpm/V.")
+    assert f"root mean square of the residual is {size:.3g} rpm" in captions(without)["fit"]
+    assert captions(without)["bode"].endswith("rpm/V.")
 
 
 def test_the_method_is_named(uncertain) -> None:

@@ -184,7 +184,7 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
         asked = {"poles": options["poles"], "zeros": zeros, "delays": options["delay"], "bias": options["bias"]}
         found = _searched(logs, **asked, preprocess=preprocess_of(options))
         fitted = found.best
-        report["candidates"] = as_text.HEADINGS, as_text.rows_of(found), found.rest
+        report["candidates"] = found
         more["candidates"] = as_text.candidates_as_json(found)
         if not as_json:
             as_text.print_candidates(Console(), found)
@@ -342,7 +342,7 @@ def _reported(
     shown = [Output(*each) for each in zip(rows, logs, strict=True)]
     with results.write_errors_reported(out):
         paths = save_figures(out, shown)
-        tried = "".join(candidates_of((as_text.HEADINGS, as_text.rows_of(each), each.rest)) for each in searches)
+        tried = "".join(map(candidates_of, searches))
         more: dict[str, Any] = {"validations": validations, "candidates": tried}
         report = write_rows(out / "report.html", shown, command=command_line(), python=python, **more)
     return [*paths, report]

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from replant.numerics.arguments import FloatArray
 from replant.numerics.residuals import BAND_95, BAND_99, Correlations
 from replant.plotting import style
-from replant.plotting.over_time import Curve, Panel, draw_panel, thin
+from replant.plotting.over_time import POINTS, Curve, Panel, draw_panel, thin
 
 ComplexArray = npt.NDArray[np.complex128]
 Regions = Sequence[tuple[complex, FloatArray]]  # roots, each with the covariance (2, 2) of real and imaginary part
@@ -27,14 +27,9 @@ ABOVE_LEGEND = 20.0  # distance of a title from a narrow axis, the legend betwee
 FEW = 60  # lags that can be told apart as stems [count]
 
 
-def looks_of(names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return how each of several models is drawn; one alone is wider."""
-    if len(names) == 1:
-        return [{"color": style.MODEL, "ls": "solid", "lw": 1.8, "label": names[0]}]
-    return [
-        {"color": colour, "ls": dashes, "lw": 1.4, "label": name}
-        for name, (colour, dashes) in zip(names, style.LINES, strict=False)
-    ]
+def true_curve(x: FloatArray, values: FloatArray) -> Curve:
+    """Return the curve of true values."""
+    return Curve(x, values, "true", style.TRUE["color"], width=style.TRUE["lw"], dashes=style.TRUE["ls"])
 
 
 def draw_response(
@@ -49,7 +44,7 @@ def draw_response(
     (axis,) = style.axes_for("ax", ax, 1, (6.2, 3.4))
     curves = [Curve(time, output, "model", std=std, band="± 2σ", width=1.8)]
     if truth is not None:
-        curves.append(Curve(time, truth, "true", style.TRUE["color"], width=style.TRUE["lw"], dashes=style.TRUE["ls"]))
+        curves.append(true_curve(time, truth))
     reach = np.zeros(1) if std is None else style.SIGMAS * std
     limits = style.output_limits(np.append(output, 0.0), output - reach, output + reach)
     words = "" if style.is_drawable(output) else "the response of G(s) is not finite"
@@ -87,22 +82,21 @@ def draw_bode(
 
 def draw_magnitude(axis: Any, responses: Mapping[str, Any], *, reference: str = "", truth: Any = None) -> None:
     """Draw magnitudes in dB over frequency in rad/s."""
-    with np.errstate(all="ignore"):
-        drawn = _over_frequency(axis, responses, reference, truth, _MAGNITUDE)
-    if drawn is not None:
-        room = max(0.1 * (drawn[1] - drawn[0]), 3.0)
-        axis.set_ylim(drawn[0] - room, drawn[1] + room)
+    shown = _draw_over_frequency(axis, responses, reference, truth, _MAGNITUDE)
+    if shown is not None:
+        room = max(0.1 * (shown[1] - shown[0]), 3.0)
+        axis.set_ylim(shown[0] - room, shown[1] + room)
 
 
 def draw_phase(axis: Any, responses: Mapping[str, Any], *, reference: str = "", truth: Any = None) -> None:
     """Draw phases in degrees over frequency in rad/s."""
     from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-    drawn = _over_frequency(axis, responses, reference, truth, _PHASE)
-    if drawn is not None:
-        span = drawn[1] - drawn[0]
+    shown = _draw_over_frequency(axis, responses, reference, truth, _PHASE)
+    if shown is not None:
+        span = shown[1] - shown[0]
         axis.yaxis.set_major_locator(MultipleLocator(45 if span < 200 else 90) if span < 700 else MaxNLocator(5))
-        axis.set_ylim(min(drawn[0], 0.0) - 25.0, max(drawn[1], 0.0) + 25.0)
+        axis.set_ylim(min(shown[0], 0.0) - 25.0, max(shown[1], 0.0) + 25.0)
 
 
 @dataclass(frozen=True)
@@ -124,37 +118,33 @@ _MAGNITUDE = _Quantity(
 _PHASE = _Quantity("phase [°]", lambda found: np.degrees(found.phase), "phase_std", 180.0 / math.pi, 180.0, 90.0)
 
 
-def _over_frequency(
+def _draw_over_frequency(
     axis: Any, responses: Mapping[str, Any], reference: str, truth: Any, what: _Quantity
 ) -> tuple[float, float] | None:
     """Draw curves over frequency with their bands, and return the range to be shown; None where none is finite."""
     axis.set_xscale("log")
-    style.tidy(axis)
-    axis.set(xlabel="frequency [rad/s]", ylabel=what.label)
-    curves: dict[str, FloatArray] = {}
-    for (name, found), look in zip(responses.items(), looks_of(list(responses)), strict=False):
-        values = what.values(found)
-        shown = (found.frequency > 0.0) & np.isfinite(values)  # no other has a place on a logarithmic axis
-        omega, values = found.frequency[shown], values[shown]
-        if not omega.size:
-            continue
-        if (spread := getattr(found, what.std)) is not None and np.isfinite(spread[shown]).all():
-            half = np.minimum(style.SIGMAS * what.unit * spread[shown], what.widest)
-            band: Any = {"alpha": 0.22, "label": "± 2σ"} if len(responses) == 1 else {"alpha": 0.13}
-            axis.fill_between(omega, values - half, values + half, color=look["color"], lw=0, **band)
-        axis.plot(omega, values, **look)
-        curves[name] = values
-    if truth is not None:
-        axis.plot(truth.frequency, what.values(truth), label="true", **style.TRUE)
+    width, band = (1.8, "± 2σ") if len(responses) == 1 else (1.4, "")
+    curves: dict[str, Curve] = {}
+    with np.errstate(all="ignore"):
+        for (name, found), (colour, dashes) in zip(responses.items(), style.LINES, strict=False):
+            values, std = what.values(found), getattr(found, what.std)
+            shown = (found.frequency > 0.0) & np.isfinite(values)  # no other has a place on a logarithmic axis
+            known = std is not None and np.isfinite(std[shown]).all()
+            half = np.minimum(what.unit * std[shown], what.widest / style.SIGMAS) if known else None
+            if shown.any():
+                curves[name] = Curve(
+                    found.frequency[shown], values[shown], name, colour, half, band, "line", width, dashes
+                )
+        drawn = [*curves.values(), *([] if truth is None else [true_curve(truth.frequency, what.values(truth))])]
     first = reference if reference in curves else next(iter(curves), "")
+    omega = responses[first].frequency if first else np.ones(1)
+    omega = omega[omega > 0.0]
+    draw_panel(axis, Panel("", drawn, (float(omega[0]), float(omega[-1]))), POINTS)
+    axis.set(xlabel="frequency [rad/s]", ylabel=what.label)
     if not first:
         style.say(axis, "the response of G(s) is not finite")
         return None
-    omega = responses[first].frequency
-    omega = omega[omega > 0.0]
-    if omega[0] != omega[-1]:
-        axis.set_xlim(float(omega[0]), float(omega[-1]))
-    return style.near(list(curves.values()), curves[first], what.around)
+    return style.near([each.values for each in curves.values()], curves[first].values, what.around)
 
 
 def draw_nyquist(
@@ -198,14 +188,14 @@ def draw_poles(
     _show_roots(axis, roots)
     alone = len(models) == 1
     marks: Any = {"ls": "none", "mfc": "none", "clip_on": False}
-    for (name, (poles, zeros, regions)), look in zip(models.items(), looks_of(list(models)), strict=False):
-        drawn = [_region(axis, root, covariance, look["color"]) for root, covariance in regions]
+    for (name, (poles, zeros, regions)), (colour, _) in zip(models.items(), style.LINES, strict=False):
+        drawn = [_region(axis, root, covariance, colour) for root, covariance in regions]
         if alone and (first := next(filter(None, drawn), None)):
             first.set_label("95 % region")
         label = "poles" if alone else name
-        axis.plot(poles.real, poles.imag, marker="x", color=look["color"], ms=9, mew=2.0, label=label, **marks)
+        axis.plot(poles.real, poles.imag, marker="x", color=colour, ms=9, mew=2.0, label=label, **marks)
         if zeros.size:
-            colour, label = (style.RESIDUAL, "zeros") if alone else (look["color"], "")
+            colour, label = (style.RESIDUAL, "zeros") if alone else (colour, "")
             axis.plot(zeros.real, zeros.imag, marker="o", color=colour, ms=8, mew=1.8, label=label or None, **marks)
     if truth is not None:
         diamond: Any = {"ls": "none", "marker": "D", "ms": 11, "mfc": "none", "mew": 0.9, "color": style.TRUE["color"]}
@@ -253,19 +243,9 @@ def _region(axis: Any, root: complex, covariance: FloatArray, colour: str) -> An
 def draw_correlations(found: Correlations | None, dt: float, axes: Any = None) -> Any:
     """Draw the residual's correlation with itself and with the input over the lag, with 95 and 99 % limits."""
     left, right = style.axes_for("axes", axes, 2, (9.6, 3.4), nrows=1, ncols=2)
-    draw_auto(found, dt, left)
-    draw_cross(found, dt, right)
+    draw_correlation(found, dt, left)
+    draw_correlation(found, dt, right, "input")
     return np.array([left, right], dtype=object)
-
-
-def draw_auto(found: Correlations | None, dt: float, axis: Any) -> None:
-    """Draw the residual's correlation with itself over the lag."""
-    _draw_correlation(found, dt, axis, "residual with itself")
-
-
-def draw_cross(found: Correlations | None, dt: float, axis: Any, name: str = "input") -> None:
-    """Draw an input's correlation with the residual over the lag."""
-    _draw_correlation(found, dt, axis, f"{name} with later residual", is_cross=True)
 
 
 def reach_of(auto: FloatArray, std: float) -> float | None:
@@ -278,15 +258,16 @@ def reach_of(auto: FloatArray, std: float) -> float | None:
     return 1.6 * near if near < WIDE else None
 
 
-def _draw_correlation(found: Correlations | None, dt: float, axis: Any, what: str, *, is_cross: bool = False) -> None:
-    style.title(axis, what)
+def draw_correlation(found: Correlations | None, dt: float, axis: Any, name: str = "") -> None:
+    """Draw the residual's correlation with itself over the lag, or that of the input of a ``name`` with it."""
+    style.title(axis, f"{name} with later residual" if name else "residual with itself")
     style.tidy(axis)
     axis.set(xlabel="lag [s]", ylabel="correlation")
     if found is None:
         style.say(axis, "too few samples, or a constant signal")
         return
     values, first, std = found.auto, 0, found.auto_std
-    if is_cross:
+    if name:
         values, first, std = found.cross, 1 - found.auto.size, found.cross_std
     axis.axhspan(-BAND_99 * std, BAND_99 * std, color=style.MEASURED, alpha=0.22, lw=0, label="99 %")
     axis.axhspan(-BAND_95 * std, BAND_95 * std, color=style.MEASURED, alpha=0.35, lw=0, label="95 %")
@@ -302,7 +283,7 @@ def _draw_correlation(found: Correlations | None, dt: float, axis: Any, what: st
             axis.axhline(limit, color=style.INK, lw=0.8, ls=(0, (4, 3)))
     axis.set_xlim(dt * (first - 0.5), dt * (first + values.size - 0.5))
     style.legend(axis)
-    if not is_cross and (reach := reach_of(values, std)) is not None:
+    if not name and (reach := reach_of(values, std)) is not None:
         axis.set_ylim(-reach, reach)
 
 
@@ -322,20 +303,6 @@ def draw_spectrum(curves: Mapping[str, tuple[FloatArray, FloatArray]], ax: Any =
     return axis
 
 
-def draw_error(found: Any, axis: Any) -> None:
-    """Draw the error of a model by frequency, with the limit that chance explains."""
-    style.tidy(axis)
-    style.title(axis, "error by frequency")
-    axis.set_xlabel("frequency [rad/s]")
-    if found is None:
-        style.say(axis, "not known")
-        return
-    axis.plot(found.frequency, 100.0 * found.error, color=style.BLUE, lw=1.2, label="error")
-    axis.plot(found.frequency, 100.0 * found.limit, color=style.MUTED, lw=1.2, ls="--", label="95 % limit")
-    axis.set_ylabel("part of |G| [%]")
-    style.legend(axis)
-
-
 def draw_validation(found: Any, axes: Any = None, size: tuple[float, float] = (9.0, 6.4)) -> Any:
     """Draw a `replant.fitting.validation.Validation`: outputs, residual, error by frequency; return four axes."""
     if axes is None:
@@ -353,7 +320,17 @@ def draw_validation(found: Any, axes: Any = None, size: tuple[float, float] = (9
     outputs.set_xlabel("time [s]")
     style.legend(outputs)
     draw_correlations(found.correlations, float(np.median(np.diff(time))) if time.size > 1 else 1.0, (auto, cross))
-    draw_error(found.by_frequency, frequency)
-    for axis in (auto, cross, frequency):
-        style.title(axis, axis.get_title("left"), ABOVE_LEGEND)
+    error = found.by_frequency
+    style.tidy(frequency)
+    frequency.set_xlabel("frequency [rad/s]")
+    if error is None:
+        style.say(frequency, "not known")
+    else:
+        frequency.plot(error.frequency, 100.0 * error.error, color=style.BLUE, lw=1.2, label="error")
+        frequency.plot(error.frequency, 100.0 * error.limit, color=style.MUTED, lw=1.2, ls="--", label="95 % limit")
+        frequency.set_ylabel("part of |G| [%]")
+        style.legend(frequency)
+    titles = auto.get_title("left"), cross.get_title("left"), "error by frequency"
+    for axis, title in zip((auto, cross, frequency), titles, strict=True):
+        style.title(axis, title, ABOVE_LEGEND)
     return np.array([outputs, auto, cross, frequency], dtype=object)

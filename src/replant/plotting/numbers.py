@@ -228,10 +228,10 @@ def mathml(model: TransferFunction) -> str:
     if model.delay:
         delay = "" if model.delay == 1.0 else _math_number(model.delay)
         dead_time = f"<msup><mi>e</mi><mrow><mo>{MINUS}</mo>{delay}<mi>s</mi></mrow></msup>"
-    lines = [*_lines(model.num), *_lines(model.den)]
-    longest = max(map(_width, lines)) + 7 + (7 if model.delay else 0)
+    top, bottom = _lines(model.num), _lines(model.den)
+    longest = max(width for _, width in [*top, *bottom]) + 7 + (7 if model.delay else 0)
     name = '<mi>G</mi><mo stretchy="false">(</mo><mi>s</mi><mo stretchy="false">)</mo><mo>=</mo>'
-    fraction = f"<mfrac>{_polynomial(model.num)}{_polynomial(model.den)}</mfrac>"
+    fraction = f"<mfrac>{_below_each_other(top)}{_below_each_other(bottom)}</mfrac>"
     opening = f'<math display="block" style="--longest:{longest}" alttext="G(s) = {model}">'
     return f"{opening}<mrow>{name}{fraction}{dead_time}</mrow></math>"
 
@@ -255,30 +255,25 @@ def _math_number(value: float) -> str:
     return f"<mn>{mantissa}</mn><mo>{TIMES}</mo><msup><mn>10</mn>{power}</msup>"
 
 
-def _polynomial(coefficients: FloatArray) -> str:
-    """Return a polynomial in s, broken into lines of about ``LINE`` digits."""
-    lines = [f"<mrow>{''.join(term for term, _ in line)}</mrow>" for line in _lines(coefficients)]
-    if len(lines) == 1:
-        return lines[0]
-    return "<mtable>" + "".join(f"<mtr><mtd>{line}</mtd></mtr>" for line in lines) + "</mtable>"
+def _below_each_other(lines: list[tuple[str, int]]) -> str:
+    rows = [f"<mrow>{line}</mrow>" for line, _ in lines]
+    if len(rows) == 1:
+        return rows[0]
+    return "<mtable>" + "".join(f"<mtr><mtd>{row}</mtd></mtr>" for row in rows) + "</mtable>"
 
 
-def _lines(coefficients: FloatArray) -> list[list[tuple[str, int]]]:
-    """Return the terms of a polynomial line by line, each with its width in digits."""
-    order = coefficients.size - 1
-    lines: list[list[tuple[str, int]]] = [[]]
-    for i, value in enumerate(coefficients.tolist()):
+def _lines(coefficients: FloatArray) -> list[tuple[str, int]]:
+    """Return a polynomial in s, broken into lines of about ``LINE`` digits, each with its width in digits."""
+    lines: list[tuple[str, int]] = []
+    for power, value in zip(range(coefficients.size - 1, -1, -1), coefficients.tolist(), strict=True):
         if value == 0.0:
             continue
-        term = _term(value, order - i, first=lines == [[]])
-        if lines[-1] and _width(lines[-1]) + term[1] > LINE:
-            lines.append([])
-        lines[-1].append(term)
-    return lines if lines[0] else [[("<mn>0</mn>", 1)]]
-
-
-def _width(line: list[tuple[str, int]]) -> int:
-    return sum(width for _, width in line)
+        term, width = _term(value, power, first=not lines)
+        if not lines or lines[-1][1] + width > LINE:
+            lines.append((term, width))
+        else:
+            lines[-1] = (lines[-1][0] + term, lines[-1][1] + width)
+    return lines or [("<mn>0</mn>", 1)]
 
 
 def _term(value: float, power: int, *, first: bool) -> tuple[str, int]:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.numerics.arguments import FloatArray
-from replant.plotting.style import FARTHEST, MODEL, MUTED, SIGMAS, TRUE, label_time, say, tidy, title
+from replant.plotting.style import FARTHEST, MODEL, MUTED, SIGMAS, label_time, say, tidy, title
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +85,6 @@ def _extremes(rows: FloatArray) -> FloatArray:
 
 
 POINTS = 36_000  # points of a signal at most: nine-fold zoom on 2,000 columns loses nothing [count]
-
-
 SHOWN = 3_000  # points of a curve; beyond it min and max of each stretch stand for the stretch [count]
 SHOWN_SMALL = 1_000  # the same in a panel of half the width [count]
 
@@ -127,11 +125,6 @@ def constant(value: float, label: str, colour: str = MODEL, dashes: Any = "solid
     return Curve(np.zeros(1), np.full(1, value), label, colour, kind="constant", width=width, dashes=dashes)
 
 
-def true_value(value: float) -> Curve:
-    """Return the line of a true value."""
-    return constant(value, "true", TRUE["color"], TRUE["ls"], 1.1)
-
-
 def draw_panels(axes: Sequence[Any], panels: Sequence[Panel], points: int = SHOWN, *, titled: bool = False) -> Any:
     """Draw each panel into its axes, labelled at the side or titled; the lowest show the time.  Return the axes."""
     for axis, panel in zip(axes, panels, strict=True):
@@ -146,13 +139,17 @@ def draw_panel(axis: Any, panel: Panel, points: int = SHOWN) -> None:
     if panel.is_log:
         axis.set_yscale("log")
     tidy(axis)
-    axis.set_xlim(*panel.ends)
+    if panel.ends[0] != panel.ends[1]:  # one frequency alone has no range
+        axis.set_xlim(*panel.ends)
     if panel.words:
         say(axis, panel.words)
         return
     if panel.limits is not None:
         axis.set_ylim(*panel.limits)  # before a curve sets others
-    _shade(axis, panel.left_out)
+    if panel.left_out is not None and len(panel.left_out):
+        spans = [(begin, end - begin) for begin, end in panel.left_out.tolist()]
+        across = axis.get_xaxis_transform()
+        axis.broken_barh(spans, (0.0, 1.0), transform=across, color=MUTED, alpha=0.22, lw=0, label="left out", zorder=0)
     for curve in panel.curves:
         _draw(axis, curve, panel.gaps, points)
     if panel.has_zero:
@@ -180,16 +177,3 @@ def _draw(axis: Any, curve: Curve, gaps: FloatArray | None, points: int) -> None
         places = np.searchsorted(t, gaps)
         t, values = np.insert(t, places, gaps), np.insert(values, places, np.nan)
     axis.plot(t, values, drawstyle="steps-post" if curve.kind == "step" else "default", **look)
-
-
-def _shade(axis: Any, left_out: FloatArray | None) -> None:
-    if left_out is not None and len(left_out):
-        spans = [(begin, end - begin) for begin, end in left_out.tolist()]
-        axis.broken_barh(spans, (0.0, 1.0), transform=axis.get_xaxis_transform(), color=MUTED, alpha=0.22, lw=0,
-                         label="left out", zorder=0)  # fmt: skip
-
-
-def within_reason(values: FloatArray, limits: tuple[float, float]) -> FloatArray:
-    """Return values clipped to a hundred times the height of their panel: a canvas cannot draw further."""
-    span = 100.0 * (limits[1] - limits[0])
-    return np.where(np.isfinite(values), np.clip(values, limits[0] - span, limits[1] + span), np.nan)

@@ -76,12 +76,12 @@ def blank_figure(width: float, height: float) -> Any:
     return figure
 
 
-def saved(folder: Path, drawn: Mapping[str, Any], dpi: int = 130) -> list[Path]:
+def saved(folder: Path, drawn: Mapping[str, Any]) -> list[Path]:
     """Write the figures of axes, by their names, as PNG files into a folder, and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.png" for name in drawn]
     for path, axis in zip(paths, drawn.values(), strict=True):
-        axis.figure.savefig(path, dpi=dpi)
+        axis.figure.savefig(path, dpi=130)
     return paths
 
 

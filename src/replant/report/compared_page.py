@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,6 @@ from replant.report import python_programs
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, responses_of
 from replant.report.findings import BAD, GOOD, Finding, findings
 from replant.report.panels import draw_poles_of, draw_steps, output_panels
-from replant.report.result_page import in_small
 from replant.report.results_as_text import OUTCOME, cells_of, gain_and_times, gravity_of
 from replant.verdict import Assessment, Simulation
 
@@ -48,9 +47,9 @@ def reference_of(contenders: Sequence[Contender]) -> str:
     return first.name if first else next(iter(results_of(contenders)))
 
 
-def swatches_of(contenders: Sequence[Contender]) -> dict[str, str]:
+def swatches_of(names: Iterable[str]) -> dict[str, str]:
     """Return, by method, a sample of its line in the figures."""
-    return {name: _swatch(*line) for name, line in zip(results_of(contenders), style.LINES, strict=False)}
+    return {name: _swatch(*line) for name, line in zip(names, style.LINES, strict=False)}
 
 
 def _swatch(colour: str, dashes: Any, width: float = 2.4) -> str:
@@ -62,28 +61,27 @@ def _swatch(colour: str, dashes: Any, width: float = 2.4) -> str:
 
 
 def pictures(
-    contenders: Sequence[Contender],
+    names: Iterable[str],
     words: Mapping[str, str],
     height: float,
     draw: Callable[[list[Any]], object],
     caption: str,
     first: str = "",
 ) -> str:
-    """Return pictures side by side, by their names in the page with the text of each, below one legend."""
+    """Return pictures side by side, by their names in the page with the text of each, below one legend of ``names``."""
     with page.look():
         axes = [blank_figure(page.HALF, height).subplots() for _ in words]
         draw(axes)
         drawn = "".join(page.svg(axis.figure, *each) for axis, each in zip(axes, words.items(), strict=True))
-    entries = "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in swatches_of(contenders).items())
+    entries = "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in swatches_of(names).items())
     return (
         f'<figure><ul class="lines">{first}{entries}</ul><div class="panels">{drawn}</div>'
         f"<figcaption>{html.escape(caption)}</figcaption></figure>"
     )
 
 
-def estimates(contenders: Sequence[Contender], log: Log, labels: dict[str, str]) -> str:
+def estimates(results: Mapping[str, Result], reference: str, dt: float, labels: dict[str, str]) -> str:
     """Return the estimates over time, a picture for each coefficient."""
-    results, reference = results_of(contenders), reference_of(contenders)
     said = {}
     for i, name in enumerate(results[reference].structure.names):
         ends = ", ".join(f"{method} {number(float(each.parameters[i]))}" for method, each in results.items())
@@ -94,18 +92,17 @@ def estimates(contenders: Sequence[Contender], log: Log, labels: dict[str, str])
     caption += f"; a horizontal line: {' and '.join(whole)}, fitted to the whole record at once" if whole else ""
     caption += f"; a dot: {' and '.join(late)}, with an estimate only at the end" if late else ""
     return pictures(
-        contenders, said, 2.5, lambda axes: draw_overlay(results, log.dt, reference=reference, axes=axes, **labels),
+        results, said, 2.5, lambda axes: draw_overlay(results, dt, reference=reference, axes=axes, **labels),
         f"{caption}. {BANDS}; curves far from the best model are cut off.",
     )  # fmt: skip
 
 
-def outputs(contenders: Sequence[Contender], log: Log) -> str:
+def outputs(results: Mapping[str, Result], log: Log) -> str:
     """Return the simulated outputs of all methods over the measured one."""
-    results = results_of(contenders)
     said = "Measured output, and that of each model, simulated from the input alone"
     fits = ", ".join(f"{name} {percent(result.simulation.fit)}" for name, result in results.items())
     return pictures(
-        contenders,
+        results,
         {"outputs0": f"{said}; fit: {fits}", "outputs1": "The same over the last tenth of the record"},
         2.9,
         lambda axes: draw_outputs(results, log.output, log.dt, axes=axes, output_label=log.output_name),
@@ -115,13 +112,12 @@ def outputs(contenders: Sequence[Contender], log: Log) -> str:
     )
 
 
-def responses(contenders: Sequence[Contender], log: Log, labels: dict[str, str]) -> str:
+def responses(results: Mapping[str, Result], reference: str, dt: float, labels: dict[str, str]) -> str:
     """Return the Bode diagrams of all methods in common axes."""
-    results, reference = results_of(contenders), reference_of(contenders)
     said = "Bode diagram of each model"
     return pictures(
-        contenders, {"responses0": f"{said}: magnitude in dB", "responses1": f"{said}: phase in degrees"}, 2.9,
-        lambda axes: draw_responses(results, log.dt, reference=reference, axes=axes, **labels),
+        results, {"responses0": f"{said}: magnitude in dB", "responses1": f"{said}: phase in degrees"}, 2.9,
+        lambda axes: draw_responses(results, dt, reference=reference, axes=axes, **labels),
         f"{said}. {BANDS}, where they are known.",
     )  # fmt: skip
 
@@ -153,14 +149,13 @@ def write_comparison(
     path: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess, command: str = ""
 ) -> Path:
     """Write a comparison of methods into one self-contained HTML file, and return its path."""
-    labels = _labels(log, preprocess.input_map)
-    structure = next(iter(results_of(contenders).values())).structure
-    listed = _html_table(contenders, symbols(structure, *labels.values()), len(log))
+    labels, results, reference = _labels(log, preprocess.input_map), results_of(contenders), reference_of(contenders)
+    listed = _html_table(contenders, symbols(results[reference].structure, *labels.values()), len(log))
     sections = {
         "": _claimed(claim(contenders)) + listed + _remarks(contenders, len(log)),
-        "Outputs": outputs(contenders, log),
-        "Frequency responses": responses(contenders, log, labels),
-        "Estimates over time": estimates(contenders, log, labels),
+        "Outputs": outputs(results, log),
+        "Frequency responses": responses(results, reference, log.dt, labels),
+        "Estimates over time": estimates(results, reference, log.dt, labels),
         "How to reproduce this": (page.code("shell", command) if command else "") + _programs(contenders, log),
         "Record and versions": page.facts([*tables.of_record(log), ("versions", tables.versions())]),
     }
@@ -200,16 +195,14 @@ def claim(contenders: Sequence[Contender]) -> str:
 
 
 def _html_table(contenders: Sequence[Contender], labels: Sequence[str], samples: int) -> str:
-    swatches = swatches_of(contenders)
+    swatches, none = swatches_of(results_of(contenders)), '<svg class="swatch" aria-hidden="true"></svg>'
     rows = []
     for entry in contenders:
         status, *cells = cells_of(entry, len(labels))
-        name = page.Html(
-            swatches.get(entry.name, '<svg class="swatch" aria-hidden="true"></svg>') + html.escape(entry.name)
-        )
+        name = page.Html(swatches.get(entry.name, none) + html.escape(entry.name))
         verdict = page.Html(f'<span class="status">{page.icon(gravity_of(entry, samples))}{html.escape(status)}</span>')
         outcome = [cell.replace(" ", page.NO_BREAK) for cell in cells[: len(OUTCOME) - 1]]
-        rows.append([name, verdict, *outcome, *(page.Html(in_small(cell)) for cell in cells[len(outcome) :])])
+        rows.append([name, verdict, *outcome, *(page.Html(page.in_small(cell)) for cell in cells[len(outcome) :])])
     headings = ("method", "verdict", "simulated fit", "one-step fit", "time", *labels)
     return (
         page.table(headings, rows, "Methods compared", "table wide methods")
@@ -298,7 +291,17 @@ class ModelComparison(Shown):
     @property
     def contenders(self) -> list[Contender]:
         """The models with their outputs as results, for the figures."""
-        return [Contender(name, self._result(name)) for name in self.models]
+        found = []
+        for name, model in self.models.items():
+            each = self.validations[name]
+            simulation = Simulation(each.output, each.offset, each.fit, is_prediction=each.is_prediction)
+            verdict = Assessment(each.verdict.status, each.verdict.reasons, each.verdict.excited, each.samples)
+            result = Result(
+                model, each.one_step, simulation, each.samples, {}, verdict, 0.0,
+                left_out=stretches_of(~np.isfinite(each.residual)), clock=Clock.of(self.log.dt, self.log.stamps),
+            )  # fmt: skip
+            found.append(Contender(name, result))
+        return found
 
     def plot(self, axes: Any = None) -> Any:
         """Draw outputs, step responses, magnitudes and poles of all models; return four axes of matplotlib.
@@ -321,15 +324,6 @@ class ModelComparison(Shown):
         rows = [f"{name}: {self.models[name].transfer_function}, {self.validations[name]!r}" for name in self.models]
         more = [f"... {len(rows) - 10} more"] if len(rows) > 10 else []
         return "\n  ".join([f"<ModelComparison over {self.log!r}", *rows[:10], *more]) + ">"
-
-    def _result(self, name: str) -> Result:
-        found = self.validations[name]
-        simulation = Simulation(found.output, found.offset, found.fit, is_prediction=found.is_prediction)
-        verdict = Assessment(found.verdict.status, found.verdict.reasons, found.verdict.excited, found.samples)
-        return Result(
-            self.models[name], found.one_step, simulation, found.samples, {}, verdict, 0.0,
-            left_out=stretches_of(~np.isfinite(found.residual)), clock=Clock.of(self.log.dt, self.log.stamps),
-        )  # fmt: skip
 
 
 def compare(models: Mapping[str, Model] | Sequence[Model], log: Log) -> ModelComparison:
@@ -374,10 +368,9 @@ def compare(models: Mapping[str, Model] | Sequence[Model], log: Log) -> ModelCom
 
 def write_models(path: Path, comparison: ModelComparison, command: str = "") -> Path:
     """Write a comparison of models into one self-contained HTML file, and return its path."""
-    log, contenders = comparison.log, comparison.contenders
-    found = comparison.validations[comparison.best]
-    said = f"{comparison.best} follows the record best: {percent(found.fit)}, {found.verdict.status}."
-    swatches = swatches_of(contenders)
+    log, results, best_of = comparison.log, results_of(comparison.contenders), comparison.best
+    found, swatches = comparison.validations[best_of], swatches_of(results)
+    said = f"{best_of} follows the record best: {percent(found.fit)}, {found.verdict.status}."
     rows = [[page.Html(swatches[name] + html.escape(name)), *rest] for name, *rest in comparison.rows]
     listed = page.table(HEADINGS, rows, "Models compared", "table wide methods")
     reasons = "".join(
@@ -385,22 +378,18 @@ def write_models(path: Path, comparison: ModelComparison, command: str = "") -> 
         for name, each in comparison.validations.items()
         if each.verdict.status != "trusted" and each.verdict.reasons
     )
-    reasons = f'<ul class="remarks">{reasons}</ul>' if reasons else ""
-    sections = {
-        "": _claimed(said) + listed + reasons,
-        "Outputs": outputs(contenders, log),
-        "Step responses and poles": _steps_and_poles(comparison),
-        "Frequency responses": responses(contenders, log, _labels(log, "identity")),
-        "How to reproduce this": (page.code("shell", command) if command else "") + page.facts(tables.of_record(log)),
-    }
-    lede = f"{log.input_name} → {log.output_name}, {len(comparison.models)} models over {len(log):,} samples"
-    return _write(path, log.path.name or "Models compared", "Models compared", lede, sections)
 
-
-def _steps_and_poles(comparison: ModelComparison) -> str:
     def draw(axes: list[Any]) -> None:
         draw_steps(comparison.models, axes[0])
         draw_poles_of(comparison.models, axes[1])
 
-    said = {"models0": "Response to a unit step of each model", "models1": "Poles of each model in the complex plane"}
-    return pictures(comparison.contenders, said, 3.2, draw, f"{BANDS}; regions of poles hold 95 %.")
+    drawn = {"models0": "Response to a unit step of each model", "models1": "Poles of each model in the complex plane"}
+    sections = {
+        "": _claimed(said) + listed + (f'<ul class="remarks">{reasons}</ul>' if reasons else ""),
+        "Outputs": outputs(results, log),
+        "Step responses and poles": pictures(results, drawn, 3.2, draw, f"{BANDS}; regions of poles hold 95 %."),
+        "Frequency responses": responses(results, best_of, log.dt, _labels(log, "identity")),
+        "How to reproduce this": (page.code("shell", command) if command else "") + page.facts(tables.of_record(log)),
+    }
+    lede = f"{log.input_name} → {log.output_name}, {len(comparison.models)} models over {len(log):,} samples"
+    return _write(path, log.path.name or "Models compared", "Models compared", lede, sections)

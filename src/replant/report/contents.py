@@ -18,12 +18,13 @@ from replant.fitting.model import Model
 from replant.logs.log import Log
 from replant.logs.recording import digest
 from replant.model.interop import unit_of
+from replant.model.noise import NoiseModel
 from replant.model.preprocess import Preprocess, rejected_in_words, screen
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import places_on_grid
 from replant.numerics.residuals import Correlations, correlation_lags, correlations
-from replant.online.runs.result import Clock, Result
+from replant.online.runs.result import Clock, History, Result
 from replant.plotting import style
 from replant.plotting.diagrams import reach_of
 from replant.plotting.numbers import (
@@ -54,11 +55,6 @@ class Material:
     filter: StateVariableFilter | None  # the filter of the regressors; without it the excitation is not known
     preprocess: Preprocess
     truth: Sequence[float] | None = None  # (P,): true parameters, of a simulated plant
-
-    @property
-    def true_plant(self) -> TransferFunction | None:
-        """The true plant, of a simulated record."""
-        return None if self.truth is None else self.result.structure.transfer_function(np.array(self.truth))
 
     @property
     def clock(self) -> Clock:
@@ -228,41 +224,62 @@ def versions() -> str:
 SEEN = 0.01  # part of the record below which a stretch cannot be seen in a picture [part of the record]
 
 
-def of_fit(material: Material) -> str:
-    """Return the caption of input, output and residual over time."""
-    residual = material.residual[np.isfinite(material.residual)]
-    fit = percent(material.result.simulation.fit)
+def captions(material: Material) -> dict[str, str]:
+    """Return the captions of the figures, by their names in the page."""
+    result, log = material.result, material.log
+    model, history, known = result.transfer_function, result.history, result.uncertainty is not None
+    dashed = "" if material.truth is None else " Dashed: the true plant."
+    bands = " with bands of two standard deviations" if known else ""
+    gain = f"{number(model.dc_gain)} {gain_unit(material.plant_label, log.output_name)}".strip()
+    clock = ""  # said of figures that need a regular one
+    if material.clock.irregular:
+        apart = f"samples are taken as {number(log.dt, 4)} s apart, and lost ones as unknown"
+        clock = f" The clock is irregular: {apart}."
+    return {
+        "fit": _of_fit(material),
+        "parameters": "" if history is None else _of_parameters(material, history),
+        "excitation": _of_excitation(material),
+        "poles": _of_poles(material),
+        "bode": f"Bode diagram of G(s): magnitude and phase{bands}; the DC gain is {gain}.{dashed}",
+        "step": (
+            f"Step response of G(s){' with a band of two standard deviations' if known else ''}: what the output makes "
+            f"of a unit step of the input, from rest.{dashed}"
+        ),
+        "auto": correlation_in_words(material.correlations) + clock,
+        "cross": correlation_in_words(material.correlations, "Input") + clock,
+        "spectrum": _of_spectrum(result.noise) + clock,
+    }
+
+
+def _of_fit(material: Material) -> str:
+    result, residual = material.result, material.residual[np.isfinite(material.residual)]
     if residual.size == 0:
         return "Input and measured output over time; the model's output is not finite."
     size = number(float(np.sqrt(np.mean(np.square(residual, dtype=np.longdouble)))), 3)
-    unit = unit_of(material.log.output_name)
+    size = f"{size} {unit_of(material.log.output_name)}".strip()
     newest = f" over the newest {material.log.output.size:,} samples" if material.log.earlier else ""
     hidden = " Where the model's output is not visible, it lies outside the axes."
-    beyond = hidden if material.result.simulation.fit < 0 else ""
     return (
-        f"The model, {material.result.simulation.how}, has a fit of {fit}; the "
-        f"root mean square of the residual is {size}{' ' + unit if unit else ''}{newest}.{beyond}"
+        f"The model, {result.simulation.how}, has a fit of {percent(result.simulation.fit)}; the root mean square of "
+        f"the residual is {size}{newest}.{hidden if result.simulation.fit < 0 else ''}"
     )
 
 
-def of_parameters(material: Material) -> str:
-    """Return the caption of the parameter estimates over time."""
+def _of_parameters(material: Material, history: History) -> str:
     if (np.abs(material.result.parameters) > style.FARTHEST).any():
         return "Each parameter's estimate over time; estimates that diverged are not drawn."
-    history = material.result.history
-    banded = history is not None and history.std is not None and bool(np.isfinite(history.std).any())
+    banded = history.std is not None and bool(np.isfinite(history.std).any())
     band = ", with bands of two standard deviations" if banded else ""
     true = ", with the true values" if material.truth is not None else ""
     said = f"Each parameter's estimate over time{band}{true}. The axes are scaled to the last 90 % of the record."
-    begin, rows = (0, 0) if history is None else (first_estimate(history), history.samples.size)
-    if history is None or begin == rows or begin < SEEN * rows:
+    begin, rows = first_estimate(history), history.samples.size
+    if begin == rows or begin < SEEN * rows:
         return said
     held = number(float(material.clock.after(history.samples[begin])), 3)
     return f"{said} The first estimate is made from the first {held} s."
 
 
-def of_excitation(material: Material) -> str:
-    """Return the caption of the excitation over time."""
+def _of_excitation(material: Material) -> str:
     found = material.excitation
     if found is None:
         return "Excitation over time: there are no regressors."
@@ -277,8 +294,7 @@ def of_excitation(material: Material) -> str:
     )
 
 
-def of_poles(material: Material) -> str:
-    """Return the caption of poles and zeros."""
+def _of_poles(material: Material) -> str:
     model = material.result.transfer_function
     poles = ", ".join(complex_number(mode.pole) for mode in model.modes)
     zeros = ", ".join(complex_number(zero) for zero in model.zeros.tolist() if zero.imag >= 0)
@@ -287,32 +303,6 @@ def of_poles(material: Material) -> str:
     diamonds = " Diamonds: the true poles." if material.truth is not None else ""
     heads = f"Pole{'s' if model.poles.size > 1 else ''} at {poles} rad/s{tail}"
     return f"{heads}. Grey: the right half-plane, in which poles are unstable.{region}{diamonds}"
-
-
-def of_bode(material: Material) -> str:
-    """Return the caption of the Bode diagram."""
-    band = " with bands of two standard deviations" if material.result.uncertainty is not None else ""
-    gain = number(material.result.transfer_function.dc_gain)
-    unit = gain_unit(material.plant_label, material.log.output_name)
-    gain += f" {unit}" if unit else ""
-    return f"Bode diagram of G(s): magnitude and phase{band}; the DC gain is {gain}.{_dashed(material)}"
-
-
-def _dashed(material: Material) -> str:
-    return " Dashed: the true plant." if material.truth is not None else ""
-
-
-def of_step(material: Material) -> str:
-    """Return the caption of the step response."""
-    band = " with a band of two standard deviations" if material.result.uncertainty is not None else ""
-    return (
-        f"Step response of G(s){band}: what the output makes of a unit step of the input, from rest.{_dashed(material)}"
-    )
-
-
-def of_auto(material: Material) -> str:
-    """Return the caption of the residual's autocorrelation."""
-    return correlation_in_words(material.correlations) + _of_samples(material)
 
 
 def correlation_in_words(found: Correlations | None, name: str = "") -> str:
@@ -327,28 +317,14 @@ def correlation_in_words(found: Correlations | None, name: str = "") -> str:
     return f"{what}: {lags} lie outside the limits, 5 % by chance. More: {more}.{hidden}"
 
 
-def _of_samples(material: Material) -> str:
-    """Return how samples of an irregular clock are taken where a figure needs a regular one."""
-    if not material.clock.irregular:
-        return ""
-    dt = number(material.log.dt, 4)
-    return f" The clock is irregular: samples are taken as {dt} s apart, and lost ones as unknown."
-
-
-def of_cross(material: Material) -> str:
-    """Return the caption of the cross-correlation of input and residual."""
-    return correlation_in_words(material.correlations, "Input") + _of_samples(material)
-
-
-def of_spectrum(material: Material) -> str:
-    """Return the caption of the noise's spectrum."""
-    noise = material.result.noise
+def _of_spectrum(noise: NoiseModel | None) -> str:
+    said = "Power spectral density of the residual"
     if noise is None:
-        return "Power spectral density of the residual; this method has no model of the noise." + _of_samples(material)
+        return f"{said}; this method has no model of the noise."
     if noise.is_white:
-        return "Power spectral density of the residual: the noise is modelled as white." + _of_samples(material)
+        return f"{said}: the noise is modelled as white."
     share = percent(noise.variance / noise.residual_variance) if noise.residual_variance > 0.0 else "0 %"
     return (
-        f"Power spectral density of the residual and of its model, an autoregression of order {noise.order}. Once the "
-        f"past is known {share} of the residual's power is left." + _of_samples(material)
+        f"{said} and of its model, an autoregression of order {noise.order}. Once the past is known {share} of the "
+        "residual's power is left."
     )

@@ -38,17 +38,8 @@ from replant.plotting import diagrams, style
 from replant.plotting.numbers import gain_unit, with_unit
 from replant.plotting.over_time import SHOWN_SMALL, draw_panels
 from replant.plotting.style import INK, MEASURED, MODEL, MUTED, RESIDUAL, TRUTH, axes_for
+from replant.report import panels
 from replant.report.findings import Excitation
-from replant.report.panels import (
-    column_panels,
-    draw_poles_of,
-    estimate_panels,
-    excitation_panels,
-    fit_panels,
-    output_panels,
-    overlay_panels,
-    plant_input,
-)
 
 __all__ = [
     "INK",
@@ -109,7 +100,7 @@ def draw_fit(
         raise InvalidArgumentError(
             f"u and y must be the record of the result, {model.size} samples long, got {u.size} and {y.size}"
         )
-    drawn = draw_panels(axes, fit_panels(result, u, y, dt, input_label, output_label))
+    drawn = draw_panels(axes, panels.fit_panels(result, u, y, dt, input_label, output_label))
     style.legend(axes[1])
     return drawn
 
@@ -141,8 +132,8 @@ def draw_transients(
     result = instance("result", result, Result)
     dt, count = duration("dt", dt), result.structure.size
     true = None if truth is None else owned("truth", truth, (count,)).tolist()
-    panels = estimate_panels(result, dt, true, input_label, output_label)
-    drawn = draw_panels(_for_parameters(axes, count, 1.3), panels, SHOWN_SMALL, titled=True)
+    shown = panels.estimate_panels(result, dt, true, input_label, output_label)
+    drawn = draw_panels(_for_parameters(axes, count, 1.3), shown, SHOWN_SMALL, titled=True)
     style.legend(drawn[0])
     return drawn
 
@@ -190,8 +181,8 @@ def draw_overlay(
     """
     chosen = reference or next(iter(results))
     axes = _for_parameters(axes, results[chosen].structure.size, 1.7)
-    panels = overlay_panels(results, dt, chosen, input_label, output_label)
-    return draw_panels(axes, panels, SHOWN_SMALL, titled=True)
+    drawn = panels.overlay_panels(results, dt, chosen, input_label, output_label)
+    return draw_panels(axes, drawn, SHOWN_SMALL, titled=True)
 
 
 def draw_outputs(
@@ -199,7 +190,7 @@ def draw_outputs(
 ) -> Any:
     """Draw each method's simulated output over the measured one, whole and the last tenth; return two axes."""
     axes = axes_for("axes", axes, 2, (9.0, 5.4))
-    return draw_panels(axes, output_panels(results, y, dt, output_label), SHOWN_SMALL)
+    return draw_panels(axes, panels.output_panels(results, y, dt, output_label), SHOWN_SMALL)
 
 
 def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, clock: Clock | None = None) -> Any:
@@ -220,7 +211,7 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, cl
     """
     dt = duration("dt", dt)
     axes = axes_for("axes", axes, 2, (9.0, 4.2), sharex=True)
-    drawn = draw_panels(axes, excitation_panels(found, clock or Clock(dt)))
+    drawn = draw_panels(axes, panels.excitation_panels(found, clock or Clock(dt)))
     for axis in axes:
         axis.set_ylabel(axis.get_ylabel().replace(" ", "\n"))
     if len(axes[1].get_lines()) > 1:
@@ -258,7 +249,7 @@ def draw_poles_and_zeros(result: Result, *, truth: TransferFunction | None = Non
     ax : matplotlib axes, optional
         Drawn into; without it a figure is made.
     """
-    return draw_poles_of({"model": result.model}, ax, truth=truth)
+    return panels.draw_poles_of({"model": result.model}, ax, truth=truth)
 
 
 def draw_bode(
@@ -288,7 +279,7 @@ def draw_bode(
     with np.errstate(all="ignore"):
         found = result.model.bode(frequencies(result.transfer_function, dt))
     true = None if truth is None else Bode.of(truth, None, dt, found.frequency)
-    unit = gain_unit(plant_input(result, input_label), output_label)
+    unit = gain_unit(panels.plant_input(result, input_label), output_label)
     return diagrams.draw_bode({"model": found}, axes, truth=true, unit=unit)
 
 
@@ -345,7 +336,7 @@ def draw_step(
     with np.errstate(all="ignore"):
         step = result.model.step()
     true = None if truth is None else StepResponse.of(truth, None, step.time).output
-    what = with_unit("step response", gain_unit(plant_input(result, input_label), output_label))
+    what = with_unit("step response", gain_unit(panels.plant_input(result, input_label), output_label))
     return diagrams.draw_response(step.time, step.output, step.std, what, axis, true)
 
 
@@ -375,11 +366,11 @@ def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, 
 
 def save_columns(folder: Path, found: Inspection) -> Path | None:
     """Draw the columns of numbers as ``columns.png`` and return its path; None if there is none to draw."""
-    panels = column_panels(found)
-    if not panels:
+    shown = panels.column_panels(found)
+    if not shown:
         return None
-    axes = axes_for("axes", None, len(panels), (9.0, 0.8 + 1.5 * len(panels)), sharex=True)
-    draw_panels(axes, panels)
+    axes = axes_for("axes", None, len(shown), (9.0, 0.8 + 1.5 * len(shown)), sharex=True)
+    draw_panels(axes, shown)
     if found.clock is None or math.isnan(found.clock.dt):
         axes[-1].set_xlabel("sample")
     return style.saved(folder, {"columns": axes[0]})[0]

@@ -6,14 +6,13 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from replant.fitting.miso_fit import RowFit
 from replant.model.preprocess import rejected_in_words
-from replant.numerics.arguments import FloatArray
+from replant.numerics.arguments import FloatArray, IntArray
 from replant.online.runs.result import Result
 from replant.plotting.numbers import complex_number, number
-
-IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 WINDOWS = 100  # windows in a record, unless they become too short for the parameters [count]
 STRIDES = 4  # steps in which a window moves by its length [count]
@@ -46,27 +45,17 @@ def excitation(phi: FloatArray) -> Excitation | None:
     stride = max(1, -(-max(20 * size, count // WINDOWS) // STRIDES))
     blocks = max(1, count // stride)
     ends = count - stride * np.arange(blocks - 1, -1, -1)
-    matrices, totals = _blocks(rows, ends), np.diff(np.cumsum(finite)[ends - 1], prepend=0)
+    # sum phi phi' over each block of rows, (B, P, P), and how many of its rows are finite
+    matrices = np.stack([part.T @ part for part in np.split(rows, ends[:-1])])
+    totals = np.diff(np.cumsum(finite)[ends - 1], prepend=0)
     span = min(STRIDES, blocks)
-    windows, weights = _moving_sum(matrices, span), _moving_sum(totals, span)
+    windows, weights = (sliding_window_view(sums, span, axis=0).sum(axis=-1) for sums in (matrices, totals))
     # of the information matrix of each window, the mean of phi phi' over its finite rows
     values = np.linalg.eigvalsh(windows / np.maximum(weights, 1)[:, None, None])
     least, most = np.maximum(values[:, 0], 0.0), values[:, -1]
     with np.errstate(divide="ignore", invalid="ignore"):
         condition = np.where(most > 0.0, np.sqrt(most / least), np.inf)
     return Excitation(ends[span - 1 :], min(span * stride, count), least, condition)
-
-
-def _blocks(rows: FloatArray, ends: IntArray) -> FloatArray:
-    """Return sum phi phi' over each block of rows, (B, P, P); a block ends before each of ``ends``."""
-    begins = [0, *ends[:-1].tolist()]
-    parts = [rows[begin:end] for begin, end in zip(begins, ends.tolist(), strict=True)]
-    return np.stack([part.T @ part for part in parts])
-
-
-def _moving_sum(values: FloatArray, span: int) -> FloatArray:
-    """Return the sums of ``span`` consecutive entries along the first axis."""
-    return np.asarray(sum(values[i : values.shape[0] - span + 1 + i] for i in range(span)))
 
 
 GOOD, WARN, BAD = "good", "warn", "bad"

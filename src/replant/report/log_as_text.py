@@ -11,6 +11,7 @@ import numpy as np
 
 from replant.fitting.log_inspection import Inspection, options_of
 from replant.fitting.model_json import finite
+from replant.logs.column_roles import Role
 from replant.logs.columns import Column, Kind, counts_rows
 from replant.logs.sampling_time import time_candidates
 from replant.numerics.limits import typed_path
@@ -35,7 +36,8 @@ def command_of(found: Inspection) -> str:
 
 def as_json(found: Inspection) -> dict[str, Any]:
     """Return the JSON object of `look`; figures that are not known are null."""
-    clock, roles, seen = found.clock, found.roles, found.response
+    clock, seen = found.clock, found.response
+    roles = {name: {"column": role.column.name, "why": role.why} for name, role in _roles(found).items()}
     dt = math.nan if clock is None else clock.dt
     return {
         "path": str(found.table.path),
@@ -55,12 +57,9 @@ def as_json(found: Inspection) -> dict[str, Any]:
             "duration": finite(clock.duration),
             "problem": clock.problem or None,
         },
-        "guess": {
-            name: None if role is None else {"column": role.column.name, "why": role.why}
-            for name, role in (("input", roles.input), ("output", roles.output), ("reference", roles.reference))
-        },
-        "controller_suspected": roles.answers,
-        "direction_unsure": roles.either,
+        "guess": dict.fromkeys(("input", "output", "reference")) | roles,
+        "controller_suspected": found.roles.answers,
+        "direction_unsure": found.roles.either,
         "response": None if seen is None else {
             "delay": finite(seen.delay * dt),
             "peak": finite(seen.peak * dt),
@@ -98,9 +97,13 @@ def looks_like(column: Column, found: Inspection) -> str:
     """Return the role of a column: time, input, output, reference, or empty."""
     if found.clock is not None and column == found.clock.column:
         return "time"
-    roles = found.roles
-    named = (("input", roles.input), ("output", roles.output), ("reference", roles.reference))
-    return next((name for name, role in named if role is not None and role.column == column), "")
+    return next((name for name, role in _roles(found).items() if role.column == column), "")
+
+
+def _roles(found: Inspection) -> dict[str, Role]:
+    """Return the columns that were found, by their roles."""
+    named = {"input": found.roles.input, "output": found.roles.output, "reference": found.roles.reference}
+    return {name: role for name, role in named.items() if role is not None}
 
 
 def print_look(console: Any, found: Inspection) -> None:
@@ -137,7 +140,12 @@ def _say(console: Any, text: str) -> None:
 
 def _lines_of_table(found: Inspection) -> list[str]:
     """Return the table's lines, as wide as they are: a command needs the names in one piece."""
-    rows = [HEADINGS, *(_cells(column, found) for column in found.record[:LISTED])]
+    rows = [HEADINGS]
+    for column in found.record[:LISTED]:
+        low, high = (NOTHING if math.isnan(value) else f"{value:.6g}" for value in (column.low, column.high))
+        missing = NOTHING if column.kind is Kind.TEXT else f"{column.missing:,}"
+        role = looks_like(column, found)
+        rows.append((column.name, column.kind.value, low, high, missing, _resolution(column), role))
     widths = [max(len(cell) for cell in cells) for cells in zip(*rows, strict=True)]
     return [
         "  ".join(
@@ -146,12 +154,6 @@ def _lines_of_table(found: Inspection) -> list[str]:
         )
         for row in rows
     ]
-
-
-def _cells(column: Column, found: Inspection) -> tuple[str, ...]:
-    low, high = (NOTHING if math.isnan(value) else f"{value:.6g}" for value in (column.low, column.high))
-    missing = NOTHING if column.kind is Kind.TEXT else f"{column.missing:,}"
-    return (column.name, column.kind.value, low, high, missing, _resolution(column), looks_like(column, found))
 
 
 def _resolution(column: Column) -> str:
@@ -179,10 +181,9 @@ def findings_of(found: Inspection) -> Iterator[tuple[str, str]]:
     """Yield what is to be said of clock, columns and response, each with its heading; empty where it goes on."""
     yield from _clock_findings(found)
     roles = found.roles
-    for heading, role in (("Input", roles.input), ("Output", roles.output), ("Reference", roles.reference)):
-        if role is not None:
-            guess = role.why if role.why == "as given" else f"a guess, from: {role.why}"
-            yield heading, f"{role.column.name} ({guess})"
+    for name, role in _roles(found).items():
+        guess = role.why if role.why == "as given" else f"a guess, from: {role.why}"
+        yield name.capitalize(), f"{role.column.name} ({guess})"
     if roles.input is None or roles.output is None:
         yield "Input", "no two columns of numbers that change: no input and output can be told"
         return

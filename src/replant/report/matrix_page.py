@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -28,7 +28,7 @@ from replant.report import contents as tables
 from replant.report import page_frame as page
 from replant.report.findings import findings
 from replant.report.panels import draw_poles_of, input_panel, model_panels, part_panel, whole_record
-from replant.report.result_page import drawn, in_small, reproduction, section, verdict_of, with_plots
+from replant.report.result_page import drawn, reproduction, section, verdict_of, with_plots
 from replant.report.results_as_text import gain_and_times
 
 SAME = 1e-9  # part of a dead time that is rounding [part]
@@ -77,10 +77,9 @@ class Output:
         """Return output, parts and residual over time; ``which`` tells several outputs of a page apart."""
         whole = whole_record(self.clock, len(self.log), self.left_out)
         signals = [thin(each, POINTS) for each in (self.log.output, self.fitted.output, self.residual)]
-        t = self.clock.at(signals[0].places)
-        y, model, left = (each.values for each in signals)
-        outputs, residual = model_panels(self.name, t, y, model, left, which, whole)
+        outputs, residual = model_panels(self.name, self.clock, signals, which, whole)
         parts = {name: thin(part, POINTS).values for name, part in zip(self.pairs, self.parts.T, strict=True)}
+        t = self.clock.at(signals[0].places)
         return [outputs, part_panel(self.name, t, parts, which, whole), residual]
 
     @cached_property
@@ -91,11 +90,10 @@ class Output:
     @property
     def inputs(self) -> list[Panel]:
         """The inputs over time."""
-        whole, hold = whole_record(self.clock, len(self.log), np.zeros((0, 2))), self.fitted.model.input_hold
-        found = []
+        whole, found = whole_record(self.clock, len(self.log), np.zeros((0, 2))), []
         for i, (name, u) in enumerate(zip(self.log.input_names, self.log.inputs.T, strict=True), 1):
-            drawn_of = thin(u, POINTS)
-            found.append(input_panel(name, self.clock.at(drawn_of.places), drawn_of.values, hold, f"input{i}", whole))
+            hold = self.fitted.model.input_hold
+            found.append(input_panel(name, self.clock, thin(u, POINTS), hold, f"input{i}", whole))
         return found
 
     @cached_property
@@ -119,24 +117,27 @@ def write_rows(
     numbers = [str(i) if i > 1 else "" for i in range(1, len(outputs) + 1)]
     of_outputs = [panel for each, which in zip(outputs, numbers, strict=True) for panel in each.panels(which)]
     panels, said = {"fit": [*of_outputs, *outputs[0].inputs]}, _of_fit(outputs)
+    models = [model for each in outputs for model in each.pairs.values()]
     with page.look(), np.errstate(all="ignore"):
         plots = page.charts_of(panels)
         fields = {
             "verdicts": "".join(
                 verdict_of(findings(each.fitted, len(each.log)), None, each.name if several else "") for each in outputs
             ),
-            "models": _matrix(outputs, _formula),
+            "models": _matrix(outputs, map(_formula, models)),
             "figures": "".join(_figures(each, several=several) for each in outputs),
             "zoom": page.asset("zoom.html"),
             "fit": drawn(said, page.time_picture("fit", panels["fit"], said), plots["fit"]),
             "left": "".join(_left(each, i, several=several) for i, each in enumerate(outputs)),
-            "gains": _gains(outputs),
-            "steps": _matrix(outputs, _step) + _note("Bands are two standard deviations wide to either side."),
-            "bode": _matrix(outputs, _bode),
-            "poles": _matrix(outputs, _poles) + _note("Coloured: 95 % confidence regions. Grey: unstable poles."),
+            "gains": _gains(models),
+            "steps": _pictures(outputs, "step", "Response of {y} to a unit step of {u}", _draw_step, 2.6)
+            + _note("Bands are two standard deviations wide to either side."),
+            "bode": _pictures(outputs, "bode", "Bode diagram from {u} to {y}", _draw_bode, 4.0, 2),
+            "poles": _pictures(outputs, "poles", "Poles and zeros from {u} to {y}", _draw_poles, 3.0)
+            + _note("Coloured: 95 % confidence regions. Grey: unstable poles."),
             "other_logs": section(validations),
             "candidates": candidates,
-            "coefficients": page.folded("Coefficients", _coefficients(outputs)),
+            "coefficients": page.folded("Coefficients", _coefficients(models)),
             "reproduce": page.folded("How to reproduce this", reproduction(command, python)),
             "origin": page.folded("Record and versions", _origin(outputs)),
         }
@@ -160,54 +161,47 @@ def save_figures(folder: Path, outputs: Sequence[Output]) -> list[Path]:
     return style.saved(folder, found)
 
 
-def _matrix(outputs: Sequence[Output], cell: Callable[[Output, str, str], str]) -> str:
+def _matrix(outputs: Sequence[Output], cells: Iterable[str]) -> str:
     """Return a cell for each pair of input and output: a row an output, a column an input."""
-    cells = "".join(
-        cell(output, name, f"{i}-{j}") for i, output in enumerate(outputs) for j, name in enumerate(output.pairs)
-    )
-    return f'<div class="panels" style="--columns:{len(outputs[0].pairs)}">{cells}</div>'
+    return f'<div class="panels" style="--columns:{len(outputs[0].pairs)}">{"".join(cells)}</div>'
 
 
-def _said(output: Output, name: str) -> str:
-    return f"{name} → {output.name}"
+def _said(model: Model) -> str:
+    return f"{model.input_name} → {model.output_name}"
 
 
-def _formula(output: Output, name: str, _: str) -> str:
-    said = html.escape(_said(output, name))
-    formula = mathml(output.pairs[name].transfer_function)
+def _formula(model: Model) -> str:
+    said, formula = html.escape(_said(model)), mathml(model.transfer_function)
     region = f'<div class="math" tabindex="0" role="region" aria-label="G(s), {said}">{formula}</div>'
     return f'<div><p class="note">{said}</p>{region}</div>'
 
 
-def _axes(output: Output, height: float, rows: int = 1) -> Any:
-    width = max(SMALLEST, 2.0 * page.HALF / max(len(output.pairs), 2))
-    return blank_figure(width, height).subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+def _pictures(
+    outputs: Sequence[Output], kind: str, words: str, draw: Callable[[Any, Model], None], height: float, rows: int = 1
+) -> str:
+    """Return a picture for each pair of input and output, drawn into axes below each other."""
+    cells, size = [], (max(SMALLEST, 2.0 * page.HALF / max(len(outputs[0].pairs), 2)), height)
+    for i, output in enumerate(outputs):
+        for j, model in enumerate(output.pairs.values()):
+            axes = blank_figure(*size).subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+            draw(axes, model)
+            style.title(axes[0], _said(model), diagrams.ABOVE_LEGEND)
+            said = words.format(u=model.input_name, y=model.output_name)
+            cells.append(page.svg(axes[0].figure, f"{kind}{i}-{j}", said))
+    return _matrix(outputs, cells)
 
 
-def _titled(axis: Any, output: Output, name: str) -> None:
-    style.title(axis, _said(output, name), diagrams.ABOVE_LEGEND)
+def _draw_step(axes: Any, model: Model) -> None:
+    axis = model.step().plot(axes[0])
+    axis.set_ylabel(with_unit("step response", gain_unit(model.input_name, model.output_name)))
 
 
-def _step(output: Output, name: str, place: str) -> str:
-    (axis,) = _axes(output, 2.6)
-    output.pairs[name].step().plot(axis)
-    axis.set_ylabel(with_unit("step response", gain_unit(name, output.name)))
-    _titled(axis, output, name)
-    return page.svg(axis.figure, f"step{place}", f"Response of {output.name} to a unit step of {name}")
+def _draw_bode(axes: Any, model: Model) -> None:
+    diagrams.draw_bode({"model": model.bode()}, axes, unit=gain_unit(model.input_name, model.output_name))
 
 
-def _bode(output: Output, name: str, place: str) -> str:
-    axes = _axes(output, 4.0, 2)
-    diagrams.draw_bode({"model": output.pairs[name].bode()}, axes, unit=gain_unit(name, output.name))
-    _titled(axes[0], output, name)
-    return page.svg(axes[0].figure, f"bode{place}", f"Bode diagram from {name} to {output.name}")
-
-
-def _poles(output: Output, name: str, place: str) -> str:
-    (axis,) = _axes(output, 3.0)
-    draw_poles_of({name: output.pairs[name]}, axis)
-    _titled(axis, output, name)
-    return page.svg(axis.figure, f"poles{place}", f"Poles and zeros from {name} to {output.name}")
+def _draw_poles(axes: Any, model: Model) -> None:
+    draw_poles_of({model.input_name: model}, axes[0])
 
 
 def _note(text: str) -> str:
@@ -230,8 +224,7 @@ def _figures(output: Output, *, several: bool) -> str:
         (percent(output.fitted.model.one_step_fit), f"{of}fit, one step ahead"),
         (f"{output.fitted.samples:,}", f"{of}samples used"),
     ]
-    cells = [f"<div><dd>{in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries]
-    return "".join([*cells, "<div></div>" if several else ""])
+    return page.key_figures(entries) + ("<div></div>" if several else "")
 
 
 def _left(output: Output, place: int, *, several: bool) -> str:
@@ -240,28 +233,27 @@ def _left(output: Output, place: int, *, several: bool) -> str:
     heading = f"<h3>{html.escape(output.name)}</h3>" if several else ""
     for i, name in enumerate(["", *output.pairs]):
         axis, each = blank_figure(page.HALF, 2.3).subplots(), found[max(i - 1, 0)]
-        diagrams.draw_cross(each, dt, axis, name) if name else diagrams.draw_auto(each, dt, axis)
+        diagrams.draw_correlation(each, dt, axis, name)
         said = tables.correlation_in_words(each, name)
         parts.append(drawn(said, page.svg(axis.figure, f"left{place}-{i}", said)))
     return heading + "".join(parts)
 
 
-def _gains(outputs: Sequence[Output]) -> str:
+def _gains(models: Sequence[Model]) -> str:
     rows = []
-    for output in outputs:
-        for name, model in output.pairs.items():
-            gain, times = gain_and_times(model, uncertain)
-            gain = f"{gain} {gain_unit(name, output.name)}".strip()
-            rows.append((_said(output, name), gain, f"{model.transfer_function.delay:.4g}", "; ".join(times)))
+    for model in models:
+        gain, times = gain_and_times(model, uncertain)
+        gain = f"{gain} {gain_unit(model.input_name, model.output_name)}".strip()
+        rows.append((_said(model), gain, f"{model.transfer_function.delay:.4g}", "; ".join(times)))
     return page.table(("from, to", "DC gain", "dead time [s]", "time constants [s]"), rows, "Gains")
 
 
-def _coefficients(outputs: Sequence[Output]) -> str:
-    rows = []
-    for output in outputs:
-        for name, model in output.pairs.items():
-            for label, estimate in tables.estimates(model, name, output.name):
-                rows.append((page.Html(f"{html.escape(_said(output, name))}: {label}"), estimate))
+def _coefficients(models: Sequence[Model]) -> str:
+    rows = [
+        (f"{_said(model)}: {label}", estimate)
+        for model in models
+        for label, estimate in tables.estimates(model, model.input_name, model.output_name)
+    ]
     note = f'<p class="note">{tables.UNCERTAIN}</p>'
     return page.table(("coefficient", "estimate ± std"), rows, "Coefficients") + note
 

@@ -26,7 +26,7 @@ import numpy as np
 from replant.errors import MissingDependencyError
 from replant.numerics.arguments import FloatArray
 from replant.plotting import style
-from replant.plotting.over_time import POINTS, SHOWN_SMALL, Curve, Panel, draw_panels, thin, within_reason
+from replant.plotting.over_time import POINTS, SHOWN_SMALL, Curve, Panel, draw_panels, thin
 from replant.plotting.style import blank_figure
 
 OWN = "uPlot.iife.min.js", "uPlot.min.css"
@@ -144,6 +144,17 @@ def facts(rows: Iterable[tuple[str, str]]) -> str:
     return "<dl>" + "".join(f"<dt>{html.escape(key)}</dt><dd>{html.escape(text)}</dd>" for key, text in rows) + "</dl>"
 
 
+def in_small(text: str) -> str:
+    """Return a number with its standard deviation in small print."""
+    value, sign, std = html.escape(text).partition(" ± ")
+    return f"{value} <small>± {std}</small>" if sign and "(" not in value else html.escape(text)
+
+
+def key_figures(entries: Iterable[tuple[str, str]]) -> str:
+    """Return figures, each with what it is."""
+    return "".join(f"<div><dd>{in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries)
+
+
 def code(kind: str, text: str) -> str:
     """Return a listing; ``kind`` is "shell" or "python"."""
     return f'<pre class="{kind}" tabindex="0"><code>{html.escape(text)}</code></pre>'
@@ -216,23 +227,20 @@ def time_picture(name: str, drawn: Sequence[Panel], said: str) -> str:
     height = 0.5 + sum(ratios) if name == "fit" else 2.7
     axes = blank_figure(WHOLE, height).subplots(len(drawn), 1, sharex=True, height_ratios=ratios)
     draw_panels(axes, drawn)
-    if name == "fit":
-        for axis, panel in zip(axes, drawn, strict=True):
-            if len(panel.curves) > 1:
-                style.legend(axis)
-    else:
-        for axis in axes:
-            axis.set_ylabel(axis.get_ylabel().replace(" ", "\n"))
+    for axis, panel in zip(axes, drawn, strict=True):
+        if name != "fit":
+            axis.set_ylabel(panel.label.replace(" ", "\n"))
+        elif len(panel.curves) > 1:
+            style.legend(axis)
     return svg(axes[0].figure, name, said)
 
 
 def _transients(drawn: Sequence[Panel], name: str, said: str) -> str:
     rows = -(-len(drawn) // 2)
-    grid = blank_figure(WHOLE, 0.5 + 1.6 * rows).subplots(rows, 2, squeeze=False)
-    axes = list(grid.flat[: len(drawn)])
-    draw_panels(axes, drawn, SHOWN_SMALL, titled=True)
+    axes = blank_figure(WHOLE, 0.5 + 1.6 * rows).subplots(rows, 2, squeeze=False).ravel()
+    draw_panels(axes[: len(drawn)], drawn, SHOWN_SMALL, titled=True)
     style.legend(axes[0])
-    for axis in grid.flat[len(drawn) :]:
+    for axis in axes[len(drawn) :]:
         axis.set_axis_off()
     return svg(axes[0].figure, name, said)
 
@@ -292,7 +300,11 @@ def _entries(curve: Curve, panel: Panel, points: int) -> list[dict[str, Any]]:
     entry = {"label": curve.label, "role": VARIABLES[curve.colour]}
     if curve.kind == "constant":
         return [entry | {"kind": "constant", "value": float(scaled(curve.values)[0])}]
-    values = within_reason(curve.values, panel.limits) if panel.limits else curve.values
+    values = curve.values
+    if panel.limits:  # a canvas cannot draw farther than a hundred times the height of the panel
+        far = 100.0 * (panel.limits[1] - panel.limits[0])
+        inside = np.clip(values, panel.limits[0] - far, panel.limits[1] + far)
+        values = np.where(np.isfinite(values), inside, np.nan)
     kind = "decades" if panel.is_log else curve.kind
     found = [entry | {"kind": kind} | packed(thin(scaled(values), points).values)]
     if curve.std is not None and np.isfinite(curve.std).any():

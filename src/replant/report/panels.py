@@ -10,13 +10,12 @@ import numpy as np
 
 from replant.fitting.log_inspection import Inspection
 from replant.fitting.model import Model
-from replant.logs.columns import Column
 from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Clock, History, Result
 from replant.plotting import diagrams, style
 from replant.plotting.numbers import mapped_label, symbols, with_unit
-from replant.plotting.over_time import POINTS, SHOWN, Curve, Panel, constant, draw_panel, thin, true_value
+from replant.plotting.over_time import POINTS, SHOWN, Curve, Panel, Thinned, constant, draw_panel, thin
 from replant.report.findings import Excitation
 from replant.verdict import WORST_CONDITION
 
@@ -35,16 +34,13 @@ def fit_panels(
     result: Result, u: FloatArray, y: FloatArray, dt: float, input_label: str, output_label: str
 ) -> list[Panel]:
     """Return input, measured and simulated output, and the residual; ``u`` and ``y`` may be the newest samples."""
-    clock, shown = result.clock_of(dt), result.overview
-    signals = [thin(each, POINTS) for each in (u, y, result.simulation.output, result.residual(y))]
+    clock, shown, samples = result.clock_of(dt), result.overview, result.simulation.output.size
+    given, *outputs = (thin(each, POINTS) for each in (u, y, result.simulation.output, result.residual(y)))
     if shown is not None:
-        signals = [shown.input, shown.output, shown.model, shown.residual]
-    t = clock.at(signals[0].places)
-    u, y, model, residual = (each.values for each in signals)
-    samples = result.simulation.output.size if shown is None else shown.samples
+        given, outputs, samples = shown.input, [shown.output, shown.model, shown.residual], shown.samples
     whole = whole_record(clock, samples, result.left_out_over_time(dt))
-    given = input_panel(input_label, t, u, result.model.input_hold, "input", whole)
-    return [given, *model_panels(output_label, t, y, model, residual, "", whole)]
+    inputs = input_panel(input_label, clock, given, result.model.input_hold, "input", whole)
+    return [inputs, *model_panels(output_label, clock, outputs, "", whole)]
 
 
 def whole_record(clock: Clock, samples: int, left_out: FloatArray) -> dict[str, Any]:
@@ -53,23 +49,19 @@ def whole_record(clock: Clock, samples: int, left_out: FloatArray) -> dict[str, 
     return {"ends": ends, "left_out": left_out, "gaps": clock.gaps.mean(axis=1)}
 
 
-def input_panel(label: str, t: FloatArray, u: FloatArray, hold: str, name: str, whole: dict[str, Any]) -> Panel:
+def input_panel(label: str, clock: Clock, u: Thinned, hold: str, name: str, whole: dict[str, Any]) -> Panel:
     """Return an input over time."""
     kind = "line" if hold == "foh" else "step"
-    given = [Curve(t, u, "input", style.INPUT, kind=kind, width=0.9)]
-    return Panel(label, given, limits=style.output_limits(u), name=name, **whole)
+    given = [Curve(clock.at(u.places), u.values, "input", style.INPUT, kind=kind, width=0.9)]
+    return Panel(label, given, limits=style.output_limits(u.values), name=name, **whole)
 
 
 def model_panels(
-    label: str,
-    t: FloatArray,
-    y: FloatArray,
-    model: FloatArray,
-    residual: FloatArray,
-    number: str,
-    whole: dict[str, Any],
+    label: str, clock: Clock, signals: Sequence[Thinned], number: str, whole: dict[str, Any]
 ) -> list[Panel]:
-    """Return measured and simulated output, and the residual; ``number`` tells several outputs of a page apart."""
+    """Return output, model and residual in two panels; ``number`` tells several outputs of a page apart."""
+    t = clock.at(signals[0].places)
+    y, model, residual = (each.values for each in signals)
     outputs = [
         Curve(t, y, "measured", style.MEASURED, width=2.2),
         Curve(t, model, "model, from the input alone", width=1.0),
@@ -113,27 +105,22 @@ def estimate_panels(
     names, history = [f"parameter-{name}" for name in result.structure.names], result.history
     if history is None or not history.samples.size:
         return [Panel(label, [], name=name, words="no history") for label, name in zip(labels, names, strict=True)]
-    t, values = result.clock_of(dt).after(history.samples), estimates(history)
-    stds = [None] * values.shape[1] if history.std is None else list(history.std.T)
-    trues = [None] * values.shape[1] if truth is None else list(truth)
-    rows = zip(labels, names, values.T, stds, trues, strict=True)
-    return [_estimate_panel(label, name, t, value, std, true) for label, name, value, std, true in rows]
-
-
-def _estimate_panel(
-    label: str, name: str, t: FloatArray, values: FloatArray, std: FloatArray | None, true: float | None
-) -> Panel:
-    words = "" if np.isfinite(values).any() else "no estimate"
-    if abs(float(values[-1])) > style.FARTHEST:
-        words = "diverged: too large to draw"
-    known = [] if true is None or not math.isfinite(true) else [float(true)]
-    shown = list(known)
-    if std is not None and math.isfinite(std[-1]):
-        half = style.SIGMAS * min(float(std[-1]), style.FARTHEST)
-        shown += [float(values[-1]) - half, float(values[-1]) + half]
-    curves = [Curve(t, values, "estimate", std=std, band="± 2σ"), *map(true_value, known)]
-    limits = style.settled_limits(values, shown)
-    return Panel(label, curves, (0.0, float(t[-1])), limits, name, words)
+    t, found = result.clock_of(dt).after(history.samples), []
+    for i, values in enumerate(estimates(history).T):
+        last, std = float(values[-1]), None if history.std is None else history.std[:, i]
+        words = "" if np.isfinite(values).any() else "no estimate"
+        if abs(last) > style.FARTHEST:
+            words = "diverged: too large to draw"
+        known = [float(truth[i])] if truth is not None and math.isfinite(truth[i]) else []
+        shown = [*known]
+        if std is not None and math.isfinite(std[-1]):
+            half = style.SIGMAS * min(float(std[-1]), style.FARTHEST)
+            shown += [last - half, last + half]
+        curves = [Curve(t, values, "estimate", std=std, band="± 2σ")]
+        curves += [constant(true, "true", style.TRUE["color"], style.TRUE["ls"], 1.1) for true in known]
+        limits = style.settled_limits(values, shown)
+        found.append(Panel(labels[i], curves, (0.0, float(t[-1])), limits, names[i], words))
+    return found
 
 
 def overlay_panels(
@@ -216,25 +203,21 @@ def excitation_panels(found: Excitation | None, clock: Clock) -> list[Panel]:
 
 
 def column_panels(found: Inspection) -> list[Panel]:
-    """Return the columns of numbers of a log over time, or over samples where the log has no time column."""
-    dt = 1.0 if found.clock is None or math.isnan(found.clock.dt) else found.clock.dt
-    panels, roles = [], found.roles
+    """Return columns of numbers over time, or over samples where there is no time: input, output, reference, others."""
+    clock, roles = found.clock, found.roles
+    dt = 1.0 if clock is None or math.isnan(clock.dt) else clock.dt
     named = ((roles.input, style.INPUT), (roles.output, style.MEASURED), (roles.reference, style.TRUTH))
-    for column in columns_drawn(found):
-        drawn = thin(found.contents.values[column.number], SHOWN)
-        colour = next((colour for role, colour in named if role is not None and role.column == column), style.RESIDUAL)
-        curve = Curve(dt * drawn.places, drawn.values, "", colour, width=1.0)
+    drawn = [(role.column, colour) for role, colour in named if role is not None]
+    beside = [clock and clock.column, *(column for column, _ in drawn)]
+    for column in found.record:
+        if column.number in found.contents.values and column not in beside and not math.isnan(column.low):
+            drawn.append((column, style.RESIDUAL))
+    panels = []
+    for column, colour in drawn[:MOST]:
+        points = thin(found.contents.values[column.number], SHOWN)
+        curve = Curve(dt * points.places, points.values, "", colour, width=1.0)
         panels.append(Panel(column.name, [curve], (0.0, dt * max(1, column.rows - 1))))
     return panels
-
-
-def columns_drawn(found: Inspection) -> list[Column]:
-    """Return the columns that are drawn: input, output and reference, then the others in the order of the file."""
-    roles = found.roles
-    first = [role.column for role in (roles.input, roles.output, roles.reference) if role is not None]
-    times = [None if found.clock is None else found.clock.column]
-    rest = [column for column in found.record if column.number in found.contents.values and column not in times]
-    return [*first, *(column for column in rest if column not in first and not math.isnan(column.low))][:MOST]
 
 
 def draw_steps(models: Mapping[str, Model], axis: Any) -> None:

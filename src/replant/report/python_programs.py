@@ -41,7 +41,7 @@ def run_as_python(result: Result, log: Log) -> str:
         *(["ident.finish()"] if result.finished else []),
         "print(ident.transfer_function)",
     ]
-    return "\n".join([_open(log), *lines])
+    return "\n".join([_opened([log]), *lines])
 
 
 def fit_as_python(fitted: FitResult, logs: Sequence[Log]) -> str:
@@ -59,7 +59,7 @@ def fit_as_python(fitted: FitResult, logs: Sequence[Log]) -> str:
         ")",
         "print(fitted.transfer_function)",
     ]
-    return "\n".join([_open_several(logs) if several else _open(log), *lines])
+    return "\n".join([_opened(logs), *lines])
 
 
 def row_as_python(model: RowModel, logs: Sequence[Log], startup: int | None = None) -> str:
@@ -77,7 +77,7 @@ def row_as_python(model: RowModel, logs: Sequence[Log], startup: int | None = No
         ]
     else:
         lines = [f"fitted = rp.fit({'logs' if several else 'log'}, {orders})", "print(fitted)"]
-    return "\n".join([_open_several(logs) if several else _open(log), *lines])
+    return "\n".join([_opened(logs), *lines])
 
 
 def _given(log: Log, reference: str) -> list[str]:
@@ -92,26 +92,27 @@ def _given(log: Log, reference: str) -> list[str]:
     return found
 
 
-def _open(log: Log) -> str:
+def _opened(logs: Sequence[Log]) -> str:
+    """Return the begin of a program, which reads a log, or several, a line each."""
+    log = logs[0]
     if not log.path.name:
         arrays = ["u", "y", *(["t"] if log.stamps is not None else []), *(["r"] if log.reference_name else [])]
-        signals = f"{', '.join(arrays)}: the record, {('two', 'three', 'four')[len(arrays) - 2]} arrays"
-        return f"import replant as rp\n\n# {signals}"
-    sampling = "" if log.time is not None else f", dt={log.dt!r}"
+        read = f"# {', '.join(arrays)}: the record, {('two', 'three', 'four')[len(arrays) - 2]} arrays"
+    elif len(logs) == 1:
+        read = f"log = {_read(log)}"
+    else:
+        read = "\n".join(["logs = [", *(f"    {_read(each)}," for each in logs), "]"])
+    return f"import replant as rp\n\n{read}"
+
+
+def _read(log: Log) -> str:
     given = list(log.input_names) if log.more_inputs else log.input_name
-    names = f"input={given!r}, output={log.output_name!r}"
+    arguments = [repr(str(log.path)), f"input={given!r}", f"output={log.output_name!r}"]
     if log.reference_name:
-        names += f", reference={list(log.reference_names) if log.more_references else log.reference_name!r}"
-    ends = (("begin", log.begin), ("end", log.end))
-    part = "".join(f", {name}={value!r}" for name, value in ends if value is not None)
-    return f"import replant as rp\n\nlog = rp.read_log({str(log.path)!r}, {names}{sampling}{part})"
-
-
-def _open_several(logs: Sequence[Log]) -> str:
-    """Return the program that reads several logs, a line each."""
-    begin, *others = _open(logs[0]).split("log = ")
-    rest = [_open(log).split("log = ")[1] for log in logs[1:]]
-    return "\n".join([f"{begin}logs = [", *(f"    {each}," for each in [*others, *rest]), "]"])
+        arguments.append(f"reference={list(log.reference_names) if log.more_references else log.reference_name!r}")
+    more = {"dt": log.dt if log.time is None else None, "begin": log.begin, "end": log.end}
+    arguments += [f"{name}={value!r}" for name, value in more.items() if value is not None]
+    return f"rp.read_log({', '.join(arguments)})"
 
 
 def _broken(name: str, value: Any) -> list[str]:

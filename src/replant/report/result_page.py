@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +13,15 @@ import numpy as np
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.optimizers import RecursiveLeastSquares
 from replant.estimation.settings import Settings
+from replant.fitting.search_result import SearchResult
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model.preprocess import Preprocess
 from replant.online.runs.result import Result
-from replant.plotting.diagrams import draw_auto, draw_cross, draw_validation
+from replant.plotting.diagrams import draw_correlation, draw_validation
 from replant.plotting.numbers import gain_unit, mathml, number, of_integrator, percent, uncertain, with_unit
 from replant.report import contents as tables
-from replant.report import figures
+from replant.report import figures, results_as_text
 from replant.report import page_frame as page
 from replant.report.contents import Material
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
@@ -33,41 +33,28 @@ HEADINGS = ("log", "simulated", "one step", "offset", "residual beyond its limit
 
 def section(validations: Sequence[tuple[str, Validation]]) -> str:
     """Return the section; empty without another log."""
-    if not validations:
-        return ""
-    found = page.table(HEADINGS, [_row(*each) for each in validations], "Validation on other logs", "table wide")
-    figures = "".join(_figure(f"other{number}", *each) for number, each in enumerate(validations))
-    return f"<section><h2>On other logs</h2>{found}{figures}</section>"
-
-
-def _row(name: str, found: Validation) -> tuple[str, ...]:
-    auto, cross = found.outside
-    worst = None if found.by_frequency is None else found.by_frequency.worst
-    return (
-        name,
-        percent(found.fit),
-        percent(found.one_step),
-        number(found.offset, 4),
-        "–" if math.isnan(auto) else f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input",
-        "–" if worst is None else f"up to {share(worst)}" if worst else "none beyond chance",
-        found.verdict.status,
-    )
-
-
-def _figure(element: str, name: str, found: Validation) -> str:
-    axes = draw_validation(found, size=(page.WHOLE, 4.6))
-    said = (
-        f"{name}: measured output and the model's, {found.how}, with offset and initial state estimated. "
-        + " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in found.verdict.reasons)
-    )
-    return drawn(said, page.svg(axes[0].figure, element, said))
+    rows, pictures = [], []
+    for place, (name, found) in enumerate(validations):
+        (auto, cross), frequency = found.outside, found.by_frequency
+        outside = "–" if math.isnan(auto) else f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input"
+        error = (
+            "–" if frequency is None else f"up to {share(frequency.worst)}" if frequency.worst else "none beyond chance"
+        )
+        fits = percent(found.fit), percent(found.one_step)
+        rows.append((name, *fits, number(found.offset, 4), outside, error, found.verdict.status))
+        reasons = " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in found.verdict.reasons)
+        said = (
+            f"{name}: measured output and the model's, {found.how}, with offset and initial state estimated. {reasons}"
+        )
+        axes = draw_validation(found, size=(page.WHOLE, 4.6))
+        pictures.append(drawn(said, page.svg(axes[0].figure, f"other{place}", said)))
+    listed = page.table(HEADINGS, rows, "Validation on other logs", "table wide")
+    return page.section("On other logs", listed, *pictures) if rows else ""
 
 
 NO_MODEL = "<p>G(s) could not be estimated.</p>"
 DO_NOT_USE = '<p class="note">Do not use this model: see the verdict above.</p>'
 CONTRADICTED = '<p class="note">The samples contradict this model: see the verdict above.</p>'
-
-
 BESIDE = 3  # poles up to which G(s) is short enough to stand beside the figures [count]
 
 
@@ -82,7 +69,7 @@ def write_report(
     command: str = "",
     python: str = "",
     title: str = "",
-    candidates: tuple[Sequence[str], Sequence[Sequence[str]], str] | None = None,
+    candidates: SearchResult | None = None,
     validations: Sequence[tuple[str, Validation]] = (),
     advice: tuple[str, str] | None = None,
 ) -> Path:
@@ -91,14 +78,25 @@ def write_report(
     if settings is not None:
         filter, preprocess = filter or result.fixed_filter, preprocess or settings.preprocess  # noqa: A001
         python = python or run_as_python(result, log)
-    material = Material(result, log, filter, preprocess or Preprocess(), truth)
-    with np.errstate(all="ignore"):  # figures that are not finite are reported in words
+    material, found = Material(result, log, filter, preprocess or Preprocess(), truth), findings(result, len(log))
+    note = CONTRADICTED if found[0].gravity == BAD else ""
+    with page.look(), np.errstate(all="ignore"):  # figures that are not finite are reported in words
         plots = page.charts_of(material.panels)
-        fields = _fields(material, plots, command, python)
-        fields["verdict"] = verdict_of(findings(result, len(log)), advice)
-    fields["candidates"] = "" if candidates is None else candidates_of(candidates)
-    with page.look(), np.errstate(all="ignore"):
-        fields["other_logs"] = section(validations)
+        fields = {
+            "verdict": verdict_of(found, advice),
+            "model_note": note if all(each.usable for each in found) else DO_NOT_USE,
+            "long": " long" if result.structure.poles > BESIDE else "",
+            "math": mathml(result.transfer_function) if result.parameters.any() else NO_MODEL,
+            "figures": _figures(material),
+            "zoom": page.asset("zoom.html"),
+            **_pictures(material, plots),
+            "pole_table": tables.poles(material),
+            "other_logs": section(validations),
+            "candidates": "" if candidates is None else candidates_of(candidates),
+            "coefficients": page.folded("Coefficients", tables.coefficients(material)),
+            "reproduce": page.folded("How to reproduce this", reproduction(command, python)),
+            "origin": page.folded("Record and versions", tables.origin(material)),
+        }
     title = title or log.path.name or "Simulated record"
     return with_plots(path, "report.html", fields, plots, title=title, lede=_lede(material))
 
@@ -112,63 +110,44 @@ def with_plots(path: Path, template: str, fields: dict[str, str], plots: Any, *,
     )  # fmt: skip
 
 
-def candidates_of(candidates: tuple[Sequence[str], Sequence[Sequence[str]], str]) -> str:
-    """Return the table of a search, folded: its headings, its rows, and what is to be said of the rest."""
-    headings, rows, rest = candidates
-    tried = page.table(headings, rows, "Structures tried", "table wide")
-    return page.folded("Structures tried", tried + (f'<p class="note">{page.words(rest)}</p>' if rest else ""))
+def candidates_of(found: SearchResult) -> str:
+    """Return the table of a search, folded, and what is to be said of the rest."""
+    tried = page.table(results_as_text.HEADINGS, results_as_text.rows_of(found), "Structures tried", "table wide")
+    return page.folded(
+        "Structures tried", tried + (f'<p class="note">{page.words(found.rest)}</p>' if found.rest else "")
+    )
 
 
-def _fields(material: Material, plots: dict[str, list[dict[str, Any]]], command: str, python: str) -> dict[str, str]:
-    found = findings(material.result, len(material.log))
-    note = CONTRADICTED if found[0].gravity == BAD else ""
-    note = note if all(each.usable for each in found) else DO_NOT_USE
-    return {
-        "zoom": page.asset("zoom.html"),
-        "model_note": note,
-        "long": " long" if material.result.structure.poles > BESIDE else "",
-        "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
-        "figures": _figures(material),
-        **_sections(material, plots),
-        "coefficients": page.folded("Coefficients", tables.coefficients(material)),
-        "pole_table": tables.poles(material),
-        "reproduce": page.folded("How to reproduce this", reproduction(command, python)),
-        "origin": page.folded("Record and versions", tables.origin(material)),
-    }
-
-
-def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
+def _pictures(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
     """Return the figures, each with its caption."""
-    result, log, found, truth = material.result, material.log, material.correlations, material.true_plant
-
-    def said(name: str) -> str:
-        caption: str = getattr(tables, f"of_{name}")(material)
-        return caption
+    result, dt, found, said = material.result, material.log.dt, material.correlations, tables.captions(material)
+    truth = None if material.truth is None else result.structure.transfer_function(np.array(material.truth))
+    of: dict[str, Any] = {"truth": truth, **material.labels}
+    residual = tables.on_grid(material.residual, material.log)
 
     def still(name: str, height: float, draw: Callable[[Any], object], width: float = page.HALF, **more: Any) -> str:
-        return drawn(said(name), page.picture(name, said(name), (width, height), draw, **more))
+        return drawn(said[name], page.picture(name, said[name], (width, height), draw, **more))
 
-    with page.look():
-        over_time = {
-            name: drawn(said(name), page.time_picture(name, panels, said(name)), plots[name]) if panels else ""
-            for name, panels in material.panels.items()
-        }
-        of: dict[str, Any] = {"truth": truth, **material.labels}
-        draw_bode = partial(figures.draw_bode, result, log.dt, **of)
-        bode = still("bode", 4.2, lambda axes: draw_bode(axes=axes), rows=2, height_ratios=(3, 2))
-        residual = tables.on_grid(material.residual, log)
-        spectrum = still("spectrum", 2.9, lambda axis: figures.draw_spectrum(result.noise, residual, log.dt, ax=axis))
-        return {
-            "fit": over_time["fit"],
-            "transients": f"<h3>Parameter estimates</h3>{over_time['parameters']}" if over_time["parameters"] else "",
-            "excitation": page.folded("Excitation", over_time["excitation"]),
-            "auto": still("auto", 2.3, lambda axis: draw_auto(found, log.dt, axis)),
-            "cross": still("cross", 2.3, lambda axis: draw_cross(found, log.dt, axis)),
-            "poles": still("poles", 4.2, lambda axis: figures.draw_poles_and_zeros(result, truth=truth, ax=axis)),
-            "bode": bode,
-            "step": still("step", 2.6, lambda axis: figures.draw_step(result, ax=axis, **of), width=page.WHOLE),
-            "spectrum": page.folded("Spectrum of what is left", spectrum),
-        }
+    def over_time(name: str) -> str:
+        panels = material.panels[name]
+        return drawn(said[name], page.time_picture(name, panels, said[name]), plots[name]) if panels else ""
+
+    def draw_bode(axes: Any) -> None:
+        figures.draw_bode(result, dt, axes=axes, **of)
+
+    parameters = over_time("parameters")
+    spectrum = still("spectrum", 2.9, lambda axis: figures.draw_spectrum(result.noise, residual, dt, ax=axis))
+    return {
+        "fit": over_time("fit"),
+        "transients": f"<h3>Parameter estimates</h3>{parameters}" if parameters else "",
+        "excitation": page.folded("Excitation", over_time("excitation")),
+        "auto": still("auto", 2.3, lambda axis: draw_correlation(found, dt, axis)),
+        "cross": still("cross", 2.3, lambda axis: draw_correlation(found, dt, axis, "input")),
+        "poles": still("poles", 4.2, lambda axis: figures.draw_poles_and_zeros(result, truth=truth, ax=axis)),
+        "bode": still("bode", 4.2, draw_bode, rows=2, height_ratios=(3, 2)),
+        "step": still("step", 2.6, lambda axis: figures.draw_step(result, ax=axis, **of), width=page.WHOLE),
+        "spectrum": page.folded("Spectrum of what is left", spectrum),
+    }
 
 
 def drawn(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
@@ -244,13 +223,7 @@ def _figures(material: Material) -> str:
         (uncertain(gain, gain_std), with_unit("DC gain", unit) + of_integrator(gain, gain_std)),
         (f"{result.samples:,}", "samples used"),
     ]
-    return "".join(f"<div><dd>{in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries)
-
-
-def in_small(text: str) -> str:
-    """Return a number with its standard deviation in small print."""
-    value, sign, std = html.escape(text).partition(" ± ")
-    return f"{value} <small>± {std}</small>" if sign and "(" not in value else html.escape(text)
+    return page.key_figures(entries)
 
 
 def reproduction(command: str, python: str) -> str:

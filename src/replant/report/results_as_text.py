@@ -11,7 +11,7 @@ from replant.fitting import model_json
 from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.model_json import finite, verdict_object
-from replant.fitting.search_result import Candidate, SearchResult
+from replant.fitting.search_result import SearchResult
 from replant.fitting.validation import Validation
 from replant.model.preprocess import rejected_in_words
 from replant.model.structure import Structure
@@ -88,12 +88,22 @@ def print_kept_model(console: Any, model: Model) -> None:
 def print_row(console: Any, model: RowModel, *, record: str = "") -> None:
     """Print each G(s), gains, time constants, coefficients, fit and verdict; without a record, where it comes from."""
     console.print()
-    for name, g in zip(model.input_names, model.transfer_functions, strict=True):
+    coefficients, gains = [], []
+    for number, name in enumerate(model.input_names):
+        each = model.of_input(number)
         console.print(f"From {name} to {model.output_name}", highlight=False, markup=False, style="bold")
-        _print_lines(console, fraction(g))
-    for shown in (_row_coefficients(model), _row_gains(model)):
-        console.print(shown)
-        console.print()
+        _print_lines(console, fraction(each.transfer_function))
+        rows = zip(each.structure.names, each.parameters.tolist(), stds_of(each), strict=True)
+        for k, (coefficient, value, std) in enumerate(rows):
+            known = [] if std is None else [std_alone(std)]
+            coefficients.append([name if k == 0 else "", coefficient, f"{value:.4g}", *known])
+        gain, times = gain_and_times(each, with_std)
+        gains.append([name, gain, f"{each.structure.delay:.4g}", ", ".join(times)])
+    headings = ["input", "coefficient", "identified", *(["std"] if model.uncertainty else [])]
+    console.print(table(headings, coefficients))
+    console.print()
+    console.print(table(("input", "DC gain", "dead time [s]", "time constants [s]"), gains))
+    console.print()
     _say(console, "Fit", _fits(model.simulated_fit, "simulated from the inputs alone", model.one_step_fit))
     _say(console, "Record", record)
     _say(console, "Samples", _samples(model.provenance.samples, dict(model.rejected)))
@@ -146,7 +156,12 @@ def _print_model(console: Any, model: Model, truth: TransferFunction | None) -> 
     std = None if known is None else known.std.tolist()
     console.print(parameter_table(model.structure.names, model.parameters.tolist(), std, truth))
     console.print()
-    console.print(_mode_table(model))
+    rows = []
+    for mode, (frequency, damping, time) in zip(model.transfer_function.modes, modes_of(model, with_std), strict=True):
+        pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
+        damping = damping if mode.pole.imag else f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
+        rows.append([pole, frequency, damping, time])
+    console.print(table(POLE, rows))
     console.print()
     gain, gain_std = model.transfer_function.dc_gain, known.dc_gain_std if known else None
     _say(console, "DC gain", with_std(gain, gain_std) + of_integrator(gain, gain_std))
@@ -219,35 +234,6 @@ def gain_and_times(model: Model, write: Write) -> tuple[str, list[str]]:
     known = model.uncertainty
     gain = write(float(model.transfer_function.dc_gain), None if known is None else known.dc_gain_std)
     return gain, [time_constant for *_, time_constant in modes_of(model, write)]
-
-
-def _mode_table(model: Model) -> Any:
-    rows = []
-    for mode, (frequency, damping, time) in zip(model.transfer_function.modes, modes_of(model, with_std), strict=True):
-        pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
-        damping = damping if mode.pole.imag else f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
-        rows.append([pole, frequency, damping, time])
-    return table(POLE, rows)
-
-
-def _row_coefficients(model: RowModel) -> Any:
-    """Return the table of coefficients with their standard deviations."""
-    known, rows = model.uncertainty, []
-    for number, (name, structure) in enumerate(zip(model.input_names, model.structures, strict=True)):
-        values = model.parameters[model.places[number]].tolist()
-        stds = known[number].std.tolist() if known else [math.nan] * len(values)
-        for k, (coefficient, value, std) in enumerate(zip(structure.names, values, stds, strict=True)):
-            rows.append([name if k == 0 else "", coefficient, f"{value:.4g}", *([std_alone(std)] if known else [])])
-    return table(("input", "coefficient", "identified", *(["std"] if known else [])), rows)
-
-
-def _row_gains(model: RowModel) -> Any:
-    """Return the table of DC gain, dead time and time constants from each input."""
-    rows = []
-    for number, name in enumerate(model.input_names):
-        gain, times = gain_and_times(model.of_input(number), with_std)
-        rows.append([name, gain, f"{model.structures[number].delay:.4g}", ", ".join(times)])
-    return table(("input", "DC gain", "dead time [s]", "time constants [s]"), rows)
 
 
 OUTCOME = ("verdict", "simulated", "one step", "time")
@@ -348,20 +334,14 @@ def rows_of(found: SearchResult) -> list[tuple[str, ...]]:
 
 def candidates_as_json(found: SearchResult) -> list[dict[str, Any]]:
     """Return an object of JSON for each structure; figures that are not finite become null."""
-    return [_object(candidate, chosen=candidate is found.chosen) for candidate in found.candidates]
-
-
-def _object(candidate: Candidate, *, chosen: bool) -> dict[str, Any]:
-    orders = {name: [getattr(each, name) for each in candidate.structures] for name in ("poles", "zeros", "delay")}
-    single = not isinstance(candidate.structure, tuple)
-    return {
-        **{name: each[0] if single else each for name, each in orders.items()},
-        "fit": finite(candidate.fit),
-        "uncertainty": finite(candidate.uncertainty),
-        "likelihood": finite(candidate.likelihood),
-        "criterion": finite(candidate.criterion),
-        "chosen": chosen,
-    }
+    objects = []
+    for candidate in found.candidates:
+        orders: dict[str, Any] = _orders(candidate.structures[0])
+        if isinstance(candidate.structure, tuple):
+            orders = {name: [getattr(each, name) for each in candidate.structure] for name in orders}
+        figures = {name: finite(getattr(candidate, name)) for name in ("fit", "uncertainty", "likelihood", "criterion")}
+        objects.append({**orders, **figures, "chosen": candidate is found.chosen})
+    return objects
 
 
 def weights_in_words(result: Result) -> str:
@@ -423,7 +403,7 @@ def print_validation(console: Any, validation: Validation, source: str) -> None:
     console.print(f"\nOn {source}", highlight=False, markup=False, style="bold")
     _say(console, "Fit", _fits(validation.fit, validation.how, validation.one_step))
     if math.isfinite(validation.offset):
-        console.print(f"Offset   {validation.offset:+.4g} beside the model's working point", highlight=False)
+        _say(console, "Offset", f"{validation.offset:+.4g} beside the model's working point")
     auto, cross = validation.outside
     if math.isfinite(auto):
         outside = f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input"
@@ -431,8 +411,7 @@ def print_validation(console: Any, validation: Validation, source: str) -> None:
         console.print(f"Residual correlated beyond the 95 % limit: {outside} ({usual})", highlight=False)
     if validation.by_frequency is not None:
         worst = validation.by_frequency.worst
-        error = f"up to {share(worst)} of |G|" if worst else "none beyond chance"
-        console.print(f"Error    {error}, by frequency", highlight=False)
+        _say(console, "Error", f"{f'up to {share(worst)} of |G|' if worst else 'none beyond chance'}, by frequency")
     left_out = {"outlier": validation.outliers, "stuck": validation.stuck}
-    console.print(f"Samples  {_samples(validation.samples, left_out)}", highlight=False)
+    _say(console, "Samples", _samples(validation.samples, left_out))
     print_verdict(console, validation.verdict)
