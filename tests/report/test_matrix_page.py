@@ -76,6 +76,13 @@ def test_what_is_left_out_is_shaded_and_the_parts_add_up(outputs: list[Output]) 
     assert one.fitted.output[400:] == pytest.approx(known[400:], abs=0.05)  # what was before the record is forgotten
 
 
+@pytest.mark.usefixtures("unrendered")
+def test_what_a_column_is_called_is_text(tmp_path: Path) -> None:
+    page = write_rows(tmp_path / "report.html", [output_of("T1 [<b>]", 1.0)]).read_text()
+    assert "<b>" not in page
+    assert "[&lt;b&gt;/%/s]" in page
+
+
 @pytest.mark.slow
 def test_the_pictures_of_each_output_are_written(outputs: list[Output], tmp_path: Path) -> None:
     assert [path.name for path in save_figures(tmp_path, outputs)] == [

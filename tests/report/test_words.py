@@ -9,7 +9,7 @@ import numpy as np
 import replant as rp
 from replant.report.compared_page import shortened
 from replant.report.contents import lasts
-from replant.report.findings import VerdictWords, _sentence, colour_of, without_reasons, words_of
+from replant.report.findings import Finding, _sentence, colour_of, without_reasons, words_of
 from replant.report.log_as_text import _counted
 from replant.report.page_frame import words
 from replant.report.results_as_text import _aligned, _blocks, fraction, wrapped
@@ -22,7 +22,7 @@ MOVED = "a coefficient has moved by 2.6 %"
     ("said", "text"),
     [
         (words_of("trusted").headline, "Trusted"),
-        (words_of("biased"), VerdictWords("warn", "Biased", "")),
+        (words_of("biased"), Finding("warn", "Biased", "")),
         (colour_of("trusted"), "green"),
         (colour_of("not excited"), "red"),
         (without_reasons("trusted", excited=False), "trusted, not excited"),

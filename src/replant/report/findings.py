@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -64,37 +64,34 @@ COLOURS = {GOOD: "green", WARN: "yellow", BAD: "red"}
 
 
 @dataclass(frozen=True)
-class VerdictWords:
-    """A verdict for readers."""
+class Finding:
+    """One finding about a result."""
 
     gravity: str  # {"good", "warn", "bad"}
     headline: str  # in a word or two
-    meaning: str  # in a sentence.  It says no more than the status does: how far a model is off stands in the reasons
-    shape: str = "?"  # a character that identifies it at a terminal without its colour
+    text: str  # in whole sentences
+    shape: str = "?"  # a character that tells a verdict at a terminal without its colour
     usable: bool = True  # False where the model must not be used for anything
+    more: tuple[str, ...] = ()  # further sentences, that are read after the others
 
 
-#: By status.
+#: By status, no more than the status says: how far a model is off stands in the reasons.
 VERDICTS = {
-    "trusted": VerdictWords(GOOD, "Trusted", "No test speaks against the model.", "●"),
-    "converging": VerdictWords(
-        WARN, "Still converging", "The samples do not determine the model well enough yet.", "◐"
-    ),
-    "not excited": VerdictWords(
+    "trusted": Finding(GOOD, "Trusted", "No test speaks against the model.", "●"),
+    "converging": Finding(WARN, "Still converging", "The samples do not determine the model well enough yet.", "◐"),
+    "not excited": Finding(
         BAD, "Not excited", "The input does not determine every parameter: do not use this model.", "○", usable=False
     ),
     # of a model with nearly the fit of a trusted one, too: by how much it is off, the reasons say
-    "inconsistent": VerdictWords(
-        BAD, "Inconsistent", "The samples contradict the model: the reasons say by how much.", "▲"
-    ),
-    "diverged": VerdictWords(BAD, "Diverged", "This is the last finite estimate: do not use it.", "✕", usable=False),
-    "unknown": VerdictWords(WARN, "Unknown", "The model cannot be judged at present."),
+    "inconsistent": Finding(BAD, "Inconsistent", "The samples contradict the model: the reasons say by how much.", "▲"),
+    "diverged": Finding(BAD, "Diverged", "This is the last finite estimate: do not use it.", "✕", usable=False),
+    "unknown": Finding(WARN, "Unknown", "The model cannot be judged at present."),
 }
 
 
-def words_of(status: str) -> VerdictWords:
+def words_of(status: str) -> Finding:
     """Return the words of a verdict; of a status that is not known, itself as a warning."""
-    return VERDICTS.get(status, VerdictWords(WARN, status.capitalize(), ""))
+    return VERDICTS.get(status, Finding(WARN, status.capitalize(), ""))
 
 
 def colour_of(status: str) -> str:
@@ -106,17 +103,6 @@ FEW_SAMPLES = 10  # samples for each parameter below which a record is called sh
 MANY_REJECTED = 0.01  # share of rejected samples that is mentioned as many [share of samples]
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One finding about a result."""
-
-    gravity: str  # {"good", "warn", "bad"}
-    headline: str  # in a word or two
-    text: str  # in whole sentences
-    usable: bool = True  # False where the model must not be used for anything
-    more: tuple[str, ...] = ()  # further sentences, that are read after the others
-
-
 def without_reasons(status: str, *, excited: bool) -> str:
     """Return a verdict for a place that does not show its reasons: a trusted model says there that the input rests."""
     return f"{status}, not excited" if status == "trusted" and not excited else status
@@ -124,7 +110,20 @@ def without_reasons(status: str, *, excited: bool) -> str:
 
 def findings(result: Result | RowFit, total: int) -> list[Finding]:
     """Return the findings about a result, of one input or several, from ``total`` samples, the gravest first."""
-    found = [*_of_verdict(result), *_of_samples(result, total), *_of_model(result)]
+    found, few, rejected = _of_verdict(result), FEW_SAMPLES * result.parameters.size, sum(result.rejected.values())
+    if 0 < result.samples < few:
+        count = f"{result.samples} sample{'s' if result.samples > 1 else ''}"
+        text = f"{count} cannot determine {result.parameters.size} parameters: record at least {few}."
+        found.append(Finding(BAD, "Too short", text, usable=False))
+    if rejected > MANY_REJECTED * max(total, 1):
+        text = f"{number(100.0 * rejected / total, 3)} % of the record could not be used"
+        found.append(Finding(WARN, "Rejected samples", f"{text}: {rejected_in_words(result.rejected)}."))
+    plants = result.transfer_functions if isinstance(result, RowFit) else (result.transfer_function,)
+    unstable = [pole for g in plants for pole in g.poles.tolist() if pole.real > 0 and pole.imag >= 0]
+    if unstable and result.samples:
+        poles = ", ".join(complex_number(pole) for pole in unstable)
+        text = f"The model has {'a pole' if len(unstable) == 1 else 'poles'} in the right half-plane: {poles} rad/s."
+        found.append(Finding(WARN, "Unstable", text))
     return sorted(found, key=lambda finding: (BAD, WARN, GOOD).index(finding.gravity))
 
 
@@ -135,33 +134,9 @@ def _of_verdict(result: Result | RowFit) -> list[Finding]:
         why = "Every sample was rejected" if any(result.rejected.values()) else "The record is empty"
         return [Finding(BAD, "No sample used", f"{why}: there is nothing to identify a model from.", usable=False)]
     if status != "diverged" and result.samples < FEW_SAMPLES * result.parameters.size:
-        return []  # of so few samples the verdict is meaningless: `_of_samples` says that they are few
+        return []  # of so few samples the verdict is meaningless: `findings` says that they are few
     said = [*map(_sentence, reasons)]
-    text = " ".join([words.meaning, *said[:1]]).strip()
-    return [Finding(words.gravity, words.headline, text, words.usable, tuple(said[1:]))]
-
-
-def _of_samples(result: Result | RowFit, total: int) -> list[Finding]:
-    found = []
-    size, rejected = result.parameters.size, sum(result.rejected.values())
-    if 0 < result.samples < FEW_SAMPLES * size:
-        count = f"{result.samples} sample{'s' if result.samples > 1 else ''}"
-        text = f"{count} cannot determine {size} parameters: record at least {FEW_SAMPLES * size}."
-        found.append(Finding(BAD, "Too short", text, usable=False))
-    if rejected > MANY_REJECTED * max(total, 1):
-        text = f"{number(100.0 * rejected / total, 3)} % of the record could not be used"
-        found.append(Finding(WARN, "Rejected samples", f"{text}: {rejected_in_words(result.rejected)}."))
-    return found
-
-
-def _of_model(result: Result | RowFit) -> list[Finding]:
-    plants = result.transfer_functions if isinstance(result, RowFit) else (result.transfer_function,)
-    unstable = [pole for g in plants for pole in g.poles.tolist() if pole.real > 0 and pole.imag >= 0]
-    if not unstable or result.samples == 0:
-        return []
-    poles = ", ".join(complex_number(pole) for pole in unstable)
-    text = f"The model has {'a pole' if len(unstable) == 1 else 'poles'} in the right half-plane: {poles} rad/s."
-    return [Finding(WARN, "Unstable", text)]
+    return [replace(words, text=" ".join([words.text, *said[:1]]).strip(), more=tuple(said[1:]))]
 
 
 def _sentence(reason: str) -> str:

@@ -47,14 +47,13 @@ def run_as_python(result: Result, log: Log) -> str:
 def fit_as_python(fitted: FitResult, logs: Sequence[Log]) -> str:
     """Return the Python program that repeats an offline fit of logs."""
     log, several = logs[0], len(logs) > 1
-    state_filter = f"    filter=rp.{_call(fitted.filter.fixed)}," if fitted.filter.fixed else ""
     signals, *others = _given(log, "reference")
     signals, others = ("logs", []) if several else (f"{signals}, dt={log.dt!r}", others)
     lines = [
         "fitted = rp.fit(",
         f"    {signals}, structure=rp.{_call(fitted.structure)}, method={fitted.method!r},",
         *(f"    {argument}," for argument in others),
-        *([state_filter] if state_filter else []),
+        *([f"    filter=rp.{_call(fitted.filter.fixed)},"] if fitted.filter.fixed else []),
         f"    preprocess=rp.{_call(fitted.preprocess)},",
         ")",
         "print(fitted.transfer_function)",

@@ -35,17 +35,13 @@ def section(validations: Sequence[tuple[str, Validation]]) -> str:
     """Return the section; empty without another log."""
     rows, pictures = [], []
     for place, (name, found) in enumerate(validations):
-        (auto, cross), frequency = found.outside, found.by_frequency
+        (auto, cross), worst = found.outside, None if found.by_frequency is None else found.by_frequency.worst
         outside = "–" if math.isnan(auto) else f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input"
-        error = (
-            "–" if frequency is None else f"up to {share(frequency.worst)}" if frequency.worst else "none beyond chance"
-        )
+        error = "–" if worst is None else f"up to {share(worst)}" if worst else "none beyond chance"
         fits = percent(found.fit), percent(found.one_step)
         rows.append((name, *fits, number(found.offset, 4), outside, error, found.verdict.status))
-        reasons = " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in found.verdict.reasons)
-        said = (
-            f"{name}: measured output and the model's, {found.how}, with offset and initial state estimated. {reasons}"
-        )
+        said = f"{name}: measured output and the model's, {found.how}, with offset and initial state estimated. "
+        said += " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in found.verdict.reasons)
         axes = draw_validation(found, size=(page.WHOLE, 4.6))
         pictures.append(drawn(said, page.svg(axes[0].figure, f"other{place}", said)))
     listed = page.table(HEADINGS, rows, "Validation on other logs", "table wide")
@@ -113,9 +109,8 @@ def with_plots(path: Path, template: str, fields: dict[str, str], plots: Any, *,
 def candidates_of(found: SearchResult) -> str:
     """Return the table of a search, folded, and what is to be said of the rest."""
     tried = page.table(results_as_text.HEADINGS, results_as_text.rows_of(found), "Structures tried", "table wide")
-    return page.folded(
-        "Structures tried", tried + (f'<p class="note">{page.words(found.rest)}</p>' if found.rest else "")
-    )
+    rest = f'<p class="note">{page.words(found.rest)}</p>' if found.rest else ""
+    return page.folded("Structures tried", tried + rest)
 
 
 def _pictures(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:

@@ -42,7 +42,7 @@ def as_json(result: Result) -> dict[str, Any]:
     """Return the JSON object of `run` and `fit`: that of the model, how long it took, and an irregular clock."""
     found = model_json.as_object(result.model) | {"elapsed_seconds": round(result.elapsed, 3)}
     if result.clock is not None:
-        shortest, longest = map(model_json.finite, (result.clock.shortest, result.clock.longest))
+        shortest, longest = map(finite, (result.clock.shortest, result.clock.longest))
         found["clock"] = {"irregular": result.clock.irregular, "shortest": shortest, "longest": longest}
     return found
 

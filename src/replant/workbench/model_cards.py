@@ -132,7 +132,7 @@ def judged(verdict: dict[str, Any]) -> dict[str, Any]:
     """Return a verdict, as JSON has it, with its words, its gravity and where its reasons can be seen."""
     words = verdict_words(verdict["status"])
     reasons = [{"text": reason, **asdict(place_of(reason))} for reason in verdict["reasons"]]
-    return {"gravity": words.gravity, "headline": words.headline, "meaning": words.meaning, "reasons": reasons}
+    return {"gravity": words.gravity, "headline": words.headline, "meaning": words.text, "reasons": reasons}
 
 
 def _known(parameters: dict[str, dict[str, float | None]]) -> float | None:

@@ -313,7 +313,7 @@ def _own(name: str) -> bytes:
 def dashboard_assets() -> dict[str, bytes]:
     """Return everything that the page loads, by name."""
     found = {name: _own(name) for name in _OWN} | {name: report_asset(name).encode() for name in _OF_REPORT}
-    words = {status: [each.gravity, each.headline, each.meaning] for status, each in VERDICTS.items()}  # the report's
+    words = {status: [each.gravity, each.headline, each.text] for status, each in VERDICTS.items()}  # the report's
     found["words.js"] = f"export const VERDICTS = new Map(Object.entries({json.dumps(words)}));\n".encode()
     found["uPlot.js"], found["uPlot.css"] = (text.encode() for text in uplot())
     return found
