@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 import replant as rp
-from replant.live.progress import Progress
+from replant.live.progress import Progress, RigClock
 from support.cases import every
 
 
 @every("name", ["taken", "at", "sequence", "offset", "counter lost"])
 @every("value", ["many", "", math.nan, math.inf, -1e301, 10**400, -1.5], ids=lambda v: str(v)[:30])
 def test_progress_that_no_session_writes_is_refused_by_name(name: str, value: Any) -> None:
-    kept = Progress(3, 0.5, 7, 0.0, earlier={"lost": 1}).with_counters({})
+    kept = Progress(3, 7, RigClock(0.5), earlier={"lost": 1}).with_counters({})
     assert Progress.of(kept).with_counters({}) == kept
     if name in ("at", "offset") and value == -1.5:  # a clock that begins before zero
         assert Progress.of({**kept, name: value})

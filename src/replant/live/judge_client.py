@@ -9,8 +9,6 @@ import queue
 import sys
 import time
 from dataclasses import replace
-from functools import partial
-from multiprocessing.connection import Connection
 
 from replant.errors import InvalidArgumentError
 from replant.live.judge_process import ENDING, Handover, ObserverOptions, Told, observe
@@ -41,10 +39,13 @@ class ObserverProcess:
             # at an exit without `end`, multiprocessing would ask the process to end and wait for it without limit
             atexit.register(self.process.kill)
             # of one that has ended nothing in the outbox is sent any more
-            self.sender = Worker(partial(_send_all, self.connection, self.outbox))
+            self.sender = Worker(self._send_all)
             self.sender.start()
             self.start = time.monotonic()
             undo.pop_all()
+        self.busy = False  # whether its answer to the last handover is still to come
+        self.knows_state = self.answered = False  # whether it was handed an identifier; has answered at all
+        self.handed = 0.0  # time of the last handover
 
     @property
     def exit_reason(self) -> str:
@@ -61,10 +62,10 @@ class ObserverProcess:
         self.process.join(0.2)
         self._kill()
 
-    def end(self, *, wait: float) -> None:
-        """Ask the process to end, and kill it if it has not ended after ``wait`` s."""
+    def end(self) -> None:
+        """Ask the process to end, and kill it if it has not ended after `GOODBYE`."""
         self.outbox.put(None)
-        self.process.join(wait)
+        self.process.join(GOODBYE)
         self.clean_up()
 
     def _kill(self) -> None:
@@ -73,17 +74,12 @@ class ObserverProcess:
             self.process.join(GOODBYE)
         atexit.unregister(self.process.kill)
 
-
-def _send_all(connection: Connection, outbox: queue.Queue[Handover | None]) -> None:
-    """Send the messages in the outbox, up to and including the None that ends the process."""
-    while True:
-        message = outbox.get()
-        try:
-            connection.send(message)
-        except (OSError, MemoryError):  # `Observer.poll` notices that this thread has ended
-            return
-        if message is None:
-            return
+    def _send_all(self) -> None:
+        """Send the messages in the outbox, up to and including the None that ends the process."""
+        with contextlib.suppress(OSError, MemoryError):  # `Observer.poll` notices that this thread has ended
+            for handover in iter(self.outbox.get, None):
+                self.connection.send(handover)
+            self.connection.send(None)
 
 
 INTERVAL = 0.2  # time between two handovers at the least [s]
@@ -108,8 +104,7 @@ class Observer:
         self._restarts, self._pause = 0, PAUSES[0]
         self._commands: list[str] = []
         self.url = ""
-        self._busy = self._knows_state = self._answered = False
-        self._handed = self._due = 0.0  # time of the last handover; earliest time of the next handover or restart
+        self._due = 0.0  # earliest time of the next handover or restart
         self._process = ObserverProcess(options)
         self._alive = True
         if options.dashboard is not None:
@@ -135,7 +130,7 @@ class Observer:
 
     def show(self, line: str) -> None:
         """Show a line at the terminal, above the status; before the first handover there is no status."""
-        if self._alive and self._options.terminal and self._knows_state:
+        if self._alive and self._options.terminal and self._process.knows_state:
             self._lines.append(line)
         else:
             _print(line)
@@ -162,11 +157,10 @@ class Observer:
     def _receive(self, message: object) -> None:
         match message:
             case View() | Told("no view"):
-                now = time.monotonic()
-                self._busy = False
-                if self._answered:  # the first answer took as long as the start
-                    self._due = max(self._due, now + (now - self._handed))  # it is busy at most half of its time
-                self._answered = True
+                now, process = time.monotonic(), self._process
+                if process.answered:  # the first answer took as long as the start
+                    self._due = max(self._due, now + (now - process.handed))  # it is busy at most half of its time
+                process.busy, process.answered = False, True
                 if isinstance(message, View):
                     self.last, self._viewed = message, now
             case Told("command", name):
@@ -182,26 +176,25 @@ class Observer:
 
     def hand_over(self, identifier: Identification, info: SessionInfo, *, learned: bool) -> bool:
         """Send the state to the process, unless the process is busy or the last handover was too recent."""
-        now = time.monotonic()
-        if not self._alive or self._busy or now < self._due:
+        now, process = time.monotonic(), self._process
+        if not self._alive or process.busy or now < self._due:
             return False
         if self._restarts:
             info = replace(info, counters={**info.counters, RESTARTS: self._restarts})
         start = time.thread_time()
-        state = identifier.to_bytes() if learned or not self._knows_state else None
+        state = identifier.to_bytes() if learned or not process.knows_state else None
         cost = time.thread_time() - start
-        history = self.last.history if self.last is not None and not self._knows_state else None
-        self._process.outbox.put(Handover(info, tuple(self._lines), state, history))
+        history = self.last.history if self.last is not None and not process.knows_state else None
+        process.outbox.put(Handover(info, tuple(self._lines), state, history))
         self._lines.clear()
-        self._busy = self._knows_state = True
-        self._handed = now
-        self._due = now + max(INTERVAL, cost / SHARE)
+        process.busy = process.knows_state = True
+        process.handed, self._due = now, now + max(INTERVAL, cost / SHARE)
         return True
 
     def wait_for_view(self, identifier: Identification, info: SessionInfo) -> None:
         """Send the state and wait for its view, at most `LAST_VIEW_TIMEOUT`; for the end of a session."""
         deadline, handed = time.monotonic() + LAST_VIEW_TIMEOUT, False
-        while self._alive and time.monotonic() < deadline and (self._busy or not handed):
+        while self._alive and time.monotonic() < deadline and (self._process.busy or not handed):
             self._process.connection.poll(0.02)
             self._receive_all()
             if not handed:
@@ -233,9 +226,7 @@ class Observer:
 
     def _restart(self) -> None:
         try:
-            self._process, self._alive = ObserverProcess(self._options), True
-            self._busy = self._knows_state = self._answered = False
-            self._handed = self._due = 0.0
+            self._process, self._alive, self._due = ObserverProcess(self._options), True, 0.0
         except Exception as error:  # no memory, file descriptors or processes left; there may be some later
             reason = refusal(error) or one_line(error)
             self._due = time.monotonic() + self._next_pause()
@@ -244,7 +235,7 @@ class Observer:
     def close(self) -> None:
         """End the process; lines that were not shown yet are printed to standard error."""
         if self._alive:
-            self._process.end(wait=GOODBYE)
+            self._process.end()
             self._alive = False
         for line in self._lines:
             _print(line)

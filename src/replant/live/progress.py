@@ -42,104 +42,95 @@ class RigClock:
     ``leaps`` tells which stamps (K,) of the last call are not confirmed.
     """
 
-    dt: float
     last: float = -np.inf  # rig time of the newest stamp that counts [s]
     offset: float = 0.0  # of rig time from the stamps [s]
     candidate: float | None = None  # a stamp that the next one may confirm
     alone: bool = False  # whether the last one is the very first, and not confirmed yet
-    leaps: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
+    leaps: BoolArray = field(default_factory=lambda: np.zeros(0, bool), compare=False)
 
-    def follow(self, t: FloatArray) -> FloatArray:
-        """Return rig time (K,) of the stamps of K samples."""
+    def follow(self, t: FloatArray, dt: float) -> FloatArray:
+        """Return rig time (K,) of the stamps of K samples, whose sampling time is ``dt`` s."""
         shifted = t + self.offset if self.offset else t
         is_first = self.last == -np.inf
-        if not self.alone and (not is_first or (t.size > 1 and np.abs(shifted).max() <= FARTHEST * self.dt)):
+        if not self.alone and (not is_first or (t.size > 1 and np.abs(shifted).max() <= FARTHEST * dt)):
             steps = np.diff(shifted) if is_first else np.diff(shifted, prepend=self.last)
-            if (steps > 0.0).all() and (steps <= LEAP * self.dt).all():
+            if (steps > 0.0).all() and (steps <= LEAP * dt).all():
                 self._advance(float(shifted[-1]))
                 self.leaps = np.zeros(t.size, bool)
                 return shifted
-        followed = [(self._one(stamp), self.last) for stamp in t.tolist()]
+        followed = [(self._one(stamp, dt), self.last) for stamp in t.tolist()]
         one_by_one = np.array([shifted for shifted, _ in followed])
         self.leaps = np.array([not shifted <= last for shifted, last in followed])
         return one_by_one if self.offset else t
 
-    def _one(self, stamp: float) -> float:
+    def _one(self, stamp: float, dt: float) -> float:
         shifted = stamp + self.offset if self.offset else stamp
-        if not abs(shifted) <= FARTHEST * self.dt:
+        if not abs(shifted) <= FARTHEST * dt:
             return shifted
         if self.last == -np.inf:
             self.last, self.alone = shifted, True
-        elif 0.0 < shifted - self.last <= LEAP * self.dt:
+        elif 0.0 < shifted - self.last <= LEAP * dt:
             self._advance(shifted)
         elif shifted > self.last or self.alone:
-            return self._follow_leap(stamp, shifted)
+            return self._follow_leap(stamp, shifted, dt)
         elif shifted < self.last - BACK:
-            return self._follow_step_back(stamp, shifted)
+            return self._follow_step_back(stamp, shifted, dt)
         return shifted
 
     def _advance(self, shifted: float) -> None:
         self.last, self.candidate, self.alone = shifted, None, False
 
-    def _follow_leap(self, stamp: float, shifted: float) -> float:
+    def _follow_leap(self, stamp: float, shifted: float, dt: float) -> float:
         """Handle a stamp that leaps ahead, or does not follow the very first one; it counts once it is confirmed."""
         candidate, self.candidate = self.candidate, stamp
         if candidate is not None:
             leapt = candidate + self.offset - self.last
             if leapt > 0.0 or self.alone:
                 ahead = stamp - candidate > 0.0
-                if ahead and stamp - candidate <= LEAP * self.dt:
+                if ahead and stamp - candidate <= LEAP * dt:
                     self._advance(shifted)
                 elif ahead and stamp - candidate <= 2.0 * leapt:  # a slow rig, each of whose stamps leaps
                     self.last, self.alone = candidate + self.offset, False
         return shifted
 
-    def _follow_step_back(self, stamp: float, shifted: float) -> float:
+    def _follow_step_back(self, stamp: float, shifted: float, dt: float) -> float:
         """Handle a stamp that lies far back; if the stamp before confirms it, set a new offset."""
         candidate, self.candidate = self.candidate, stamp
-        if candidate is None or not 0.0 < stamp - candidate <= LEAP * self.dt or candidate + self.offset > self.last:
+        if candidate is None or not 0.0 < stamp - candidate <= LEAP * dt or candidate + self.offset > self.last:
             return shifted
-        self.offset = self.last + 2.0 * GAP * self.dt - stamp
+        self.offset = self.last + 2.0 * GAP * dt - stamp
         self._advance(stamp + self.offset)
         return self.last
 
 
 COUNTER = "counter "  # prefix of a counter's name in a checkpoint
 LATEST = 1e300  # bound of every time in a checkpoint [s]
+ProgressEntries = Mapping[str, int | float | str]
 
 
 @dataclass
 class Progress:
-    """How many samples a session has taken, and the state of its clock."""
+    """How many samples a session has taken, and the clock of its rig."""
 
     taken: int = 0  # samples taken, rejected ones included
-    at: float = 0.0  # rig time of the newest sample in s: its stamp, or taken times dt
     sequence: int | None = None  # number of the newest sample, where the device gives one
-    offset: float = 0.0  # offset, candidate, alone: state of the device's clock, see `RigClock`
-    candidate: float | None = None
-    alone: bool = False
+    clock: RigClock = field(default_factory=RigClock)
     earlier: dict[str, int] = field(default_factory=dict)  # counters of the sources before this resumption
+
+    @property
+    def at(self) -> float:
+        """Rig time of the newest sample in s: its stamp, or taken times dt."""
+        return self.clock.last if np.isfinite(self.clock.last) else 0.0
 
     def advance(self, batch: Batch, t: FloatArray | None, dt: float) -> FloatArray:
         """Count the samples of a batch and return their rig time (K,) in s."""
         clock = np.asarray((self.taken + 1 + np.arange(len(batch))) * dt) if t is None else t
         self.taken += len(batch)
         if t is None:
-            self.at = float(clock[-1])
+            self.clock.last = float(clock[-1])
         if batch.sequence is not None:
             self.sequence = int(batch.sequence[-1])
         return clock
-
-    def follow(self, clock: RigClock) -> None:
-        """Store the state of the clock."""
-        if np.isfinite(clock.last):
-            self.at = clock.last
-        self.offset, self.candidate, self.alone = clock.offset, clock.candidate, clock.alone
-
-    def clock(self, dt: float) -> RigClock:
-        """Return a clock that continues from the stored state."""
-        last = self.at if self.taken else -np.inf
-        return RigClock(dt, last, self.offset, self.candidate, self.alone)
 
     def counted(self, counters: Mapping[str, int]) -> dict[str, int]:
         """Return all counters: those of earlier sources plus ``counters`` of the present one."""
@@ -148,35 +139,31 @@ class Progress:
 
     def with_counters(self, counters: Mapping[str, int]) -> dict[str, int | float | str]:
         """Return the entries that a checkpoint stores besides the identifier."""
-        state: dict[str, int | float | str | None] = {
-            name: getattr(self, name) for name in ("taken", "at", "offset", "sequence", "candidate")
-        }
-        entries = {name: value for name, value in state.items() if value is not None}
-        entries |= {"alone": 1} if self.alone else {}
+        clock = self.clock
+        state = {"taken": self.taken, "at": self.at, "offset": clock.offset, "sequence": self.sequence}
+        state |= {"candidate": clock.candidate, "alone": 1 if clock.alone else None}
+        entries: dict[str, int | float | str] = {name: value for name, value in state.items() if value is not None}
         return entries | {COUNTER + name: count for name, count in self.counted(counters).items()}
 
     @classmethod
-    def of(cls, entries: Mapping[str, int | float | str]) -> Progress:
+    def of(cls, entries: ProgressEntries) -> Progress:
         """Return the progress with the entries of a checkpoint, see `with_counters`."""
-        return cls(
-            _whole(entries, "taken"),
-            _number(entries, "at"),
-            _whole(entries, "sequence", -(2**63)) if "sequence" in entries else None,
-            _number(entries, "offset"),
-            _number(entries, "candidate") if "candidate" in entries else None,
-            bool(_whole(entries, "alone")),
-            {name.removeprefix(COUNTER): _whole(entries, name) for name in entries if name.startswith(COUNTER)},
-        )
+        taken, at = _whole(entries, "taken"), _number(entries, "at")
+        sequence = _whole(entries, "sequence", -(2**63)) if "sequence" in entries else None
+        offset, alone = _number(entries, "offset"), bool(_whole(entries, "alone"))
+        candidate = _number(entries, "candidate") if "candidate" in entries else None
+        earlier = {name.removeprefix(COUNTER): _whole(entries, name) for name in entries if name.startswith(COUNTER)}
+        return cls(taken, sequence, RigClock(at if taken else -np.inf, offset, candidate, alone), earlier)
 
 
-def _whole(entries: Mapping[str, int | float | str], name: str, least: int = 0) -> int:
+def _whole(entries: ProgressEntries, name: str, least: int = 0) -> int:
     value = entries.get(name, 0)
     if not isinstance(value, int) or not least <= value < 2**63:
         raise DamagedCheckpointError(f"its {name!r} is no count: {value!r:.30}")
     return value
 
 
-def _number(entries: Mapping[str, int | float | str], name: str) -> float:
+def _number(entries: ProgressEntries, name: str) -> float:
     value = entries.get(name, 0.0)
     if isinstance(value, str) or not -LATEST <= value <= LATEST:
         raise DamagedCheckpointError(f"its {name!r} is no time: {value!r:.30}")
@@ -207,9 +194,6 @@ class Throughput:
     def reset_lag(self) -> None:
         """Forget the longest lag."""
         self._lag = 0.0
-
-
-ProgressEntries = Mapping[str, int | float | str]
 
 
 class CheckpointWriter:

@@ -67,7 +67,6 @@ class Session:
         self._publisher = Publisher(sinks, recorder, ttl, notices=notices, on_reader_gone=self.stop)
         self._limits = limits or Limits()
         self._throughput = Throughput()
-        self._clock = self.progress.clock(identifier.dt)
         self._learned = False  # whether samples were learned since the last handover to the observer
         self._inconsistent = False  # whether the identifier may hold samples that the progress does not count
         self._verdict, self._excited = UNKNOWN, False
@@ -93,7 +92,7 @@ class Session:
                 self._finish()
         finally:  # every receiver learns that no estimate follows, however the session ended
             self._publisher.end()
-        return self._trusted or not self._limits.until_trusted
+        return self._verdict == "trusted" or not self._limits.until_trusted
 
     def stop(self) -> None:
         """End the session once the samples that have arrived are learned; from any thread or a signal handler."""
@@ -107,10 +106,6 @@ class Session:
         silence = self._publisher.silence
         return SessionInfo(self.progress.at, self.source.name, self.source.state, counters, rate, lag, silence)
 
-    @property
-    def _trusted(self) -> bool:
-        return self._verdict == "trusted"
-
     # --- learning
 
     def _learn(self, start: float) -> None:
@@ -119,7 +114,8 @@ class Session:
             self._learn_batch(batch)
             self._serve_outputs(time.monotonic())
             seconds = time.monotonic() - start
-            if self._limits.reached(seconds=seconds, samples=self.progress.taken, trusted=self._trusted):
+            trusted = self._verdict == "trusted"
+            if self._limits.reached(seconds=seconds, samples=self.progress.taken, trusted=trusted):
                 break
         self.source.close()
 
@@ -134,7 +130,7 @@ class Session:
         self._inconsistent = True
         confirmed = t  # NaN where a stamp leaps and the identifier would follow it
         if t is not None and not isinstance(self.identifier, Identifier):
-            confirmed = np.where(self._clock.leaps, np.nan, t)
+            confirmed = np.where(self.progress.clock.leaps, np.nan, t)
         self.identifier.update_many(batch.u, batch.y, confirmed, batch.r)
         if self._accepted_outputs > before:
             self._publisher.accepted()
@@ -158,10 +154,10 @@ class Session:
             if batch.sequence is None:
                 return None
             stamps = np.asarray(batch.sequence * self.identifier.dt)
-        t = self._clock.follow(stamps)
-        if self._clock.offset != self.progress.offset:
+        before = self.progress.clock.offset
+        t = self.progress.clock.follow(stamps, self.identifier.dt)
+        if self.progress.clock.offset != before:
             self._observer.show("replant: the device's clock was set back: the filters restart, the estimate is kept")
-        self.progress.follow(self._clock)
         return t
 
     # --- everything besides learning
@@ -182,7 +178,7 @@ class Session:
         if self._checkpoints is not None and self._checkpoints.is_due(now):
             with self._refusals_reported("checkpoint"):
                 self._flush_record()  # the record on the disk must reach as far as the checkpoint
-                self._checkpoints.submit(self.identifier, self._progress_entries)
+                self._checkpoints.submit(self.identifier, self.progress.with_counters(self.source.counters))
 
     @contextmanager
     def _refusals_reported(self, subject: str) -> Iterator[None]:
@@ -204,18 +200,17 @@ class Session:
 
     @property
     def _view(self) -> View | None:
-        """The newest view; None where it speaks of another model."""
+        """The newest view; None where the parameters have moved beyond chance since: it speaks of another model."""
         view = self._observer.view
-        return view if view is not None and speaks_of(view, self.identifier.parameters) else None
+        if view is None:
+            return None
+        with np.errstate(invalid="ignore"):  # infinite where the model has left float64
+            moved = np.abs(self.identifier.parameters - view.parameters) > MOVED_SIGMAS * view.std
+        return None if moved.any() else view
 
     def _flush_record(self) -> None:
         if self._recorder is not None:
             self._recorder.flush()
-
-    @property
-    def _progress_entries(self) -> dict[str, int | float | str]:
-        """The progress as a checkpoint stores it."""
-        return self.progress.with_counters(self.source.counters)
 
     def _estimate(self) -> EstimateMessage:
         view, identifier = self._view, self.identifier
@@ -270,15 +265,9 @@ class Session:
             self._observer.show("replant: no last checkpoint: learning was interrupted; the one before is kept")
             return
         try:
-            self._checkpoints.write_now(self.identifier, self._progress_entries)
+            self._checkpoints.write_now(self.identifier, self.progress.with_counters(self.source.counters))
         except CheckpointError as error:
             self._observer.show(f"replant: {error}")
-
-
-def speaks_of(view: View, parameters: FloatArray) -> bool:
-    """Return whether a view speaks of parameters (P,): one that has moved beyond chance since is another model's."""
-    with np.errstate(invalid="ignore"):  # infinite where the model has left float64
-        return not (np.abs(parameters - view.parameters) > MOVED_SIGMAS * view.std).any()
 
 
 M_MMAP_THRESHOLD = -3  # name of the setting in malloc.h [number]
@@ -321,8 +310,8 @@ def run(
     with ExitStack() as opened:
         for path in filter(None, (checkpoint, record)):
             opened.enter_context(alone(path))
-        progress, identifier, messages = _load_checkpoint(checkpoint, request, background=background)
-        resumed = identifier is not None
+        resumed = None if checkpoint is None else _resumed(checkpoint, request, background=background)
+        progress, identifier, messages = resumed or (Progress(), begun(request, background=background), [])
         stream = open_source(source, columns)
         opened.callback(stream.close)
         receivers: list[Sink] = []
@@ -337,12 +326,14 @@ def run(
         disk_writer = DiskWriter(notices)
         session = Session(
             stream,
-            identifier or begun(request, background=background),
+            identifier,
             disk_writer=disk_writer,
             notices=notices,
             observer=observer,
             sinks=receivers,
-            recorder=None if record is None else ParquetRecorder(record, disk_writer, columns, go_on=resumed),
+            recorder=None
+            if record is None
+            else ParquetRecorder(record, disk_writer, columns, go_on=resumed is not None),
             checkpoints=None if checkpoint is None else CheckpointWriter(checkpoint, every, disk_writer),
             limits=limits,
             progress=progress,
@@ -360,17 +351,13 @@ def run(
     return reached
 
 
-def _load_checkpoint(
-    path: Path | None, request: Asked, *, background: bool
-) -> tuple[Progress, Identification | None, list[str]]:
-    """Return progress and identifier of the checkpoint, if there is one, and messages about it for the user."""
-    if path is None:
-        return Progress(), None, []
+def _resumed(path: Path, request: Asked, *, background: bool) -> tuple[Progress, Identification, list[str]] | None:
+    """Return progress and identifier of a checkpoint, and messages about it for the user; None if there is none yet."""
     if not path.absolute().parent.is_dir():
         raise InvalidArgumentError(f"--checkpoint {path}: there is no folder {path.parent}; make it first")
     loaded = resume(path, request)
     if loaded is None:
-        return Progress(), None, []
+        return None
     try:
         progress = Progress.of(loaded.progress)
     except DamagedCheckpointError as error:

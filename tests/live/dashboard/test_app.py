@@ -32,6 +32,7 @@ from support.waiting import PATIENCE
 def bare(monkeypatch: pytest.MonkeyPatch) -> Hub:
     """A hub whose views are a number and ballast, sent as fast as they are read."""
     monkeypatch.setattr(app, "PERIOD", 0.0)
+    monkeypatch.setattr(app, "LOOK", 0.001)
     return Hub(command=print, report=bytes)
 
 
@@ -228,7 +229,7 @@ def test_garbage_closes_its_own_connection_and_no_other(bare: Hub, kind: str) ->
                     said = more
         bare.publish(numbered(1))
         until(good, 1)
-    assert len(bare._waiting) == 0
+    assert bare.browsers == 0
 
 
 @every("request_line", [b"\0\1\2\3\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"A" * 200_000])

@@ -47,6 +47,7 @@ def hub(monkeypatch: pytest.MonkeyPatch, said: list[str]) -> Hub:
     """A hub with one view, for servers that let few in."""
     monkeypatch.setattr(security, "MOST", MOST)
     monkeypatch.setattr(app, "PERIOD", 0.0)
+    monkeypatch.setattr(app, "LOOK", 0.001)
     made = Hub(command=print, report=bytes, notice=said.append)
     made.publish(numbered(0))
     return made

@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
+from collections.abc import Callable
 
 import pytest
 
 from replant.errors import ReplantError
-from replant.live.dashboard import app as hub_module
+from replant.live.dashboard import app
 from replant.live.dashboard.app import DIGITS, Hub
 from support.waiting import PATIENCE
 
@@ -22,50 +23,57 @@ def numbered(number: int) -> dict[str, object]:
     return {"samples": number, "history": {"t": [float(number)]}}
 
 
-def test_who_comes_late_gets_the_newest_and_who_is_slow_skips() -> None:
-    async def watch() -> list[int]:
-        hub, seen = silent(), []
-        for number in range(5):
-            hub.publish(numbered(number))
-        async for frame in hub.subscribe():
-            seen.append(json.loads(frame.view)["view"]["samples"])
-            if len(seen) == 3:
-                return seen
-            for number in range(10 * len(seen), 10 * len(seen) + 7):  # seven while the first is still looked at
-                hub.publish(numbered(number))
-        return seen
+class Browser:
+    """A websocket that notes the views that it is sent, and calls ``then`` with their number."""
 
-    assert asyncio.run(watch()) == [4, 16, 26]
+    def __init__(self, then: Callable[[int], None] = lambda views: None) -> None:
+        self.seen: list[int] = []
+        self._then = then
+
+    async def send_text(self, text: str) -> None:
+        if "view" in (message := json.loads(text)):
+            self.seen.append(message["view"]["samples"])
+            self._then(len(self.seen))
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Views are sent as fast as they are read."""
+    monkeypatch.setattr(app, "PERIOD", 0.0)
+    monkeypatch.setattr(app, "LOOK", 0.0)
+
+
+def test_who_comes_late_gets_the_newest_and_who_is_slow_skips() -> None:
+    hub = silent()
+
+    def meanwhile(views: int) -> None:
+        if views == 3:
+            hub.ended = True
+            return
+        for number in range(10 * views, 10 * views + 7):  # seven while the first is still looked at
+            hub.publish(numbered(number))
+
+    browser = Browser(meanwhile)
+    for number in range(5):
+        hub.publish(numbered(number))
+    asyncio.run(asyncio.wait_for(app._send(hub, browser), PATIENCE))
+    assert browser.seen == [4, 16, 26]
 
 
 def test_views_come_from_any_thread() -> None:
-    async def watch() -> list[int]:
-        hub, seen = silent(), []
-        publisher = threading.Thread(target=lambda: [hub.publish(numbered(number)) for number in range(2000)])
-        publisher.start()
-        async for frame in hub.subscribe():
-            seen.append(json.loads(frame.view)["view"]["samples"])
-            if seen[-1] == 1999:
-                break
-        publisher.join()
-        return seen
+    hub, browser = silent(), Browser()
 
-    seen = asyncio.run(asyncio.wait_for(watch(), PATIENCE))
-    assert seen == sorted(set(seen))
+    def publish() -> None:
+        for number in range(2000):
+            hub.publish(numbered(number))
+        hub.ended = True
 
-
-def test_a_subscriber_that_leaves_is_forgotten() -> None:
-    async def come_and_go() -> tuple[int, int]:
-        hub = silent()
-        tasks = [asyncio.create_task(anext(hub.subscribe())) for _ in range(3)]
-        await asyncio.sleep(0)
-        there = len(hub._waiting)
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-        return there, len(hub._waiting)
-
-    assert asyncio.run(come_and_go()) == (3, 0)
+    publisher = threading.Thread(target=publish)
+    publisher.start()
+    asyncio.run(asyncio.wait_for(app._send(hub, browser), PATIENCE))
+    publisher.join()
+    assert browser.seen == sorted(set(browser.seen))
+    assert browser.seen[-1] == 1999
 
 
 def test_what_is_drawn_is_cut_to_the_digits_that_are_seen_and_the_model_is_not() -> None:
@@ -73,7 +81,8 @@ def test_what_is_drawn_is_cut_to_the_digits_that_are_seen_and_the_model_is_not()
     third = 1.0 / 3.0
     model = {"num": [third], "den": [1.0, third]}
     hub.publish({"num": [third], "model": model, "window": {"y": [third, None]}, "history": {"t": [third]}})
-    frame = asyncio.run(anext(hub.subscribe()))
+    frame = hub.frame()
+    assert frame is not None
     view = json.loads(frame.view)["view"]
     assert view["window"]["y"] == [round(third, DIGITS), None]
     assert json.loads(frame.history)["history"]["t"] == [round(third, DIGITS)]
@@ -90,20 +99,17 @@ def test_what_json_does_not_have_is_never_sent(value: float) -> None:
     hub = silent()
     hub.publish({"samples": 2, "window": {"y": [value]}})
     with pytest.raises(ValueError, match="JSON"):
-        asyncio.run(anext(hub.subscribe()))
+        hub.frame()
 
 
 def test_nothing_is_written_while_nobody_watches(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def two_watch() -> None:
-        await asyncio.gather(anext(hub.subscribe()), anext(hub.subscribe()))
-
     written: list[object] = []
-    monkeypatch.setattr(hub_module, "_text", lambda message: written.append(message) or json.dumps(message))
+    monkeypatch.setattr(app, "_text", lambda message: written.append(message) or json.dumps(message))
     hub = silent()
     for number in range(5):
         hub.publish(numbered(number))
     assert written == []
-    asyncio.run(two_watch())
+    assert hub.frame() is hub.frame()
     assert written == [{"view": {"samples": 4}}, {"history": {"t": [4.0]}}]  # once for both
 
 

@@ -353,6 +353,7 @@ def test_the_page_keeps_no_past(browser, dashboard: Dashboard, feed: Feed, monke
     """After many more views it holds as much as before: nothing is heaped up."""
     monkeypatch.setattr(app, "PERIOD", 0.0)
     monkeypatch.setattr(app, "HISTORY_PERIOD", 0.0)
+    monkeypatch.setattr(app, "LOOK", 0.001)
     opened = Page(browser, dashboard.url)
     inspector = opened.page.context.new_cdp_session(opened.page)
     view = feed.hub.newest

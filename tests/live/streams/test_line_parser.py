@@ -20,7 +20,6 @@ from replant.live.streams.line_parser import (
     LineSplitter,
     Parser,
     Payloads,
-    json_values,
     table_from_json,
 )
 from replant.live.streams.source import Batch
@@ -396,12 +395,6 @@ def test_lines_are_the_same_however_the_stream_is_cut(content: bytes, cuts: list
     assert counters["too long"] == sum(len(line) > 7 for line in [*whole, tail])
 
 
-def test_lines_of_json_read_at_once_never_melt_into_one_another() -> None:
-    assert json_values(['{"u": 1}', "[2]"]) == [{"u": 1}, [2]]
-    assert json_values(['{"u": 1', '"y": 2}', '{"u": 1}, {"u": 2}']) is None
-    assert json_values(["[1", "2]", "[1], [2]"]) is None
-
-
 def test_half_a_line_of_csv_before_json() -> None:
     batch, counters = parse('3,4\n{"n": 1, "u": 1, "y": 2}\n{"n": 2, "u": 1, "y": 3}\n', None)
     assert batch is not None
@@ -433,7 +426,8 @@ def test_half_a_line_before_a_break_is_never_joined_to_what_comes_after() -> Non
     assert counters == {"cut off": 2}
 
 
-def test_objects_of_whole_and_other_numbers_are_a_table_and_of_anything_else_none() -> None:
-    mixed, odd = [{"u": 1, "y": 2.5}, {"y": 3, "u": 4.0}], [{"u": 1, "y": True}]
+def test_lines_of_whole_and_other_numbers_are_a_table_and_of_anything_else_none() -> None:
+    mixed, odd = ['{"u": 1, "y": 2.5}', '{"y": 3, "u": 4.0}'], ['{"u": 1, "y": true}']
     np.testing.assert_array_equal(table_from_json(mixed, ("u", "y")), [[1.0, 2.5], [4.0, 3.0]])
     assert table_from_json(odd, ("u", "y")) is None
+    assert table_from_json(['{"u": 1', '"y": 2}'], ("u", "y")) is None

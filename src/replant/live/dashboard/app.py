@@ -7,7 +7,8 @@ import contextlib
 import json
 import logging
 import threading
-from collections.abc import AsyncGenerator, Callable, Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
@@ -39,7 +40,7 @@ _DRAWN = ("window", "more_inputs", *_SLOW, "history")
 class Frame:
     """A view as it is sent, serialized once for all browsers."""
 
-    number: int  # counts up from 1
+    source: dict[str, Any]  # the view
     # view, history: JSON objects: the view without what changes slowly; the history and the responses, which do
     view: str
     history: str
@@ -57,67 +58,26 @@ class Hub:
     ) -> None:
         self.command, self.notice = command, notice  # the former sends a name of `COMMANDS` to the identification
         self._report = report
-        self.ended = False
+        self.ended = False  # no view follows the newest one: browsers that have it are then disconnected
         self.browsers = 0  # number of browsers with an open websocket
-        self._newest: tuple[int, dict[str, Any] | None] = (0, None)
+        self.newest: dict[str, Any] | None = None  # the view published last, None before the first
         self._frame: Frame | None = None
-        self._waiting: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
         self._reporting = threading.Lock()
 
-    @property
-    def newest(self) -> dict[str, Any] | None:
-        """The view published last, None before the first."""
-        return self._newest[1]
-
     def publish(self, view: dict[str, Any]) -> None:
-        """Replace the newest view; from any thread.  Without browsers this takes a few microseconds."""
-        self._newest = (self._newest[0] + 1, view)
-        self._wake()
+        """Replace the newest view; from any thread."""
+        self.newest = view
 
-    def end(self) -> None:
-        """Mark that no view follows the newest one; browsers that have it are then disconnected.  From any thread."""
-        self.ended = True
-        self._wake()
-
-    def _wake(self) -> None:
-        for loop, event in tuple(self._waiting):
-            with contextlib.suppress(RuntimeError):  # the event loop has just been closed
-                loop.call_soon_threadsafe(event.set)
-
-    async def subscribe(self, period: float = 0.0) -> AsyncGenerator[Frame, None]:
-        """Yield the newest frame at once, then newer ones, no frame twice, at least ``period`` s apart but the last."""
-        loop, news = asyncio.get_running_loop(), asyncio.Event()
-        self._waiting.add((loop, news))
-        seen, due = 0, 0.0
-        try:
-            while True:
-                news.clear()
-                ended, is_newer, pause = self.ended, self._newest[0] != seen, due - loop.time()
-                if ended and not is_newer:
-                    return
-                if is_newer and (ended or pause <= 0.0):
-                    frame = self._written()
-                    seen, due = frame.number, loop.time() + period
-                    yield frame
-                    continue
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(pause if is_newer else None):
-                        await news.wait()
-        finally:
-            self._waiting.discard((loop, news))
-
-    def _written(self) -> Frame:
+    def frame(self) -> Frame | None:
         """Return the newest view as a frame, which is serialized when the first browser asks for it."""
-        number, view = self._newest
-        if self._frame is None or self._frame.number != number:
-            assert view is not None
+        view = self.newest
+        if view is not None and (self._frame is None or self._frame.source is not view):
             shown = {key: _rounded(value) if key in _DRAWN else value for key, value in view.items()}
             history = shown.pop("history", None)
             shown.pop("model", None)  # only for whoever downloads it
             slow = {key: shown.pop(key) for key in _SLOW if key in shown}
-            self._frame = Frame(
-                number, _text({"view": shown}), _text({"history": history, **({"slow": slow} if slow else {})})
-            )
+            text = _text({"view": shown}), _text({"history": history, **({"slow": slow} if slow else {})})
+            self._frame = Frame(view, *text)
         return self._frame
 
     def model(self) -> dict[str, Any]:
@@ -152,6 +112,7 @@ def _text(message: dict[str, Any]) -> str:
 
 PERIOD = 0.2  # time between two views to one browser [s]
 HISTORY_PERIOD = 1.0  # time between two messages of what is long and changes slowly, history and responses [s]
+LOOK = 0.05  # time between two looks for a newer view [s]
 MOST_WATCHING = 256  # browsers at a time [count]
 _OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008  # codes of closing a websocket [number]
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
@@ -268,16 +229,19 @@ async def _converse(hub: Hub, socket: WebSocket) -> None:
 
 async def _send(hub: Hub, socket: WebSocket) -> None:
     """Send views to the last one, and less often what is long and changes slowly."""
-
-    async def send(part: str, period: float) -> None:
-        with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # the browser has closed the websocket
-            async with contextlib.aclosing(hub.subscribe(period)) as frames:
-                async for frame in frames:
+    periods = {"view": PERIOD, "history": HISTORY_PERIOD}
+    sent: dict[str, Frame | None] = dict.fromkeys(periods)
+    due = dict.fromkeys(periods, 0.0)
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # the browser has closed the websocket
+        while True:
+            ended, frame = hub.ended, hub.frame()  # in this order: the frame after an end is the last one
+            for part, period in periods.items():
+                if frame is not None and frame is not sent[part] and (ended or time.monotonic() >= due[part]):
+                    sent[part], due[part] = frame, time.monotonic() + period
                     await socket.send_text(getattr(frame, part))
-
-    async with asyncio.TaskGroup() as both:
-        both.create_task(send("view", PERIOD))
-        both.create_task(send("history", HISTORY_PERIOD))
+            if ended:
+                return
+            await asyncio.sleep(LOOK)
 
 
 def file_answer(content: bytes, kind: str, name: str) -> Response:

@@ -97,12 +97,15 @@ class Guard:
         return None
 
     def _names_this_server(self, request: HTTPConnection) -> bool:
-        named = request.headers.getlist("host")
-        name = _host(f"//{named[0]}") if len(named) == 1 else None
-        if name is None:
+        try:
+            (named,) = request.headers.getlist("host")
+            parts = urlsplit(f"//{named}")
+            parts.port  # noqa: B018 - raises for an invalid port
+        except ValueError:  # no name, or several
             return False
         server = request.scope.get("server")
-        return name in self.hosts or (server is not None and name == server[0])
+        known = self.hosts if server is None else {*self.hosts, server[0]}
+        return "@" not in parts.netloc and not parts.path and parts.hostname in known
 
     def _has_token(self, request: HTTPConnection) -> bool:
         assert self.token is not None
@@ -142,16 +145,6 @@ def _is_same_origin(headers: Headers) -> bool:
     return origin.scheme in ("http", "https") and origin.netloc.lower() == headers.get("host", "").lower()
 
 
-def _host(address: str) -> str | None:
-    """Return the host name of an address, without port and brackets; None if there is none."""
-    try:
-        parts = urlsplit(address)
-        parts.port  # noqa: B018 - raises for an invalid port
-    except ValueError:
-        return None
-    return None if "@" in parts.netloc or parts.path else parts.hostname
-
-
 MOST = 512  # connections at a time, at the most [count]
 LEAST = 8  # connections at a time that are always allowed: a page is loaded over several [count]
 SHARE = 2  # connections may use at most 1/N of the file descriptors [count]
@@ -174,14 +167,10 @@ class _Connection:
     """A connection, which is cut off if nothing happens."""
 
     def __init__(self, wire: socket.socket) -> None:
-        self._wire = wire
+        self.wire = wire
         self._deadline: asyncio.TimerHandle | None = None
         self.streams = False
         self.cut_off_in(ASKING)
-
-    @property
-    def is_open(self) -> bool:
-        return self._wire.fileno() >= 0  # the server closes the socket that it was given
 
     def cut_off_in(self, seconds: float | None) -> None:
         """Set the time after which the connection is cut off; None: never."""
@@ -192,7 +181,7 @@ class _Connection:
     def cut_off(self) -> None:
         """End both directions: the server then reads an end and closes, whatever it still wanted to write."""
         with contextlib.suppress(OSError):
-            self._wire.shutdown(socket.SHUT_RDWR)
+            self.wire.shutdown(socket.SHUT_RDWR)
 
 
 class Listening(socket.socket):
@@ -239,7 +228,8 @@ class Connections:
     def opened(self, wire: socket.socket, client: Any) -> None:
         """Take a connection that was accepted."""
         get_running_loop().set_exception_handler(self._failed)
-        self._open = {at: found for at, found in self._open.items() if found.is_open}
+        # the server closes the socket that it was given
+        self._open = {at: found for at, found in self._open.items() if found.wire.fileno() >= 0}
         if len(self._open) >= self.most:
             self._notice(f"more than {self.most} connections: the oldest without a websocket are closed")
             oldest = next((at for at, found in self._open.items() if not found.streams), None)

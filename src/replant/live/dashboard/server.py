@@ -7,7 +7,8 @@ import ipaddress
 import socket
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import quote
 
 from replant.errors import InvalidArgumentError, ReplantError, needs, shown
@@ -25,7 +26,7 @@ S = TypeVar("S", bound=socket.socket)
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
-class Dashboard:
+class Dashboard(AbstractContextManager["Dashboard"]):
     """A running server of the dashboard, until `stop` or the end of a ``with`` block."""
 
     def __init__(
@@ -60,7 +61,7 @@ class Dashboard:
 
     def announce_end(self) -> None:
         """Tell all browsers that the session has ended, so that they do not connect again."""
-        self._hub.end()
+        self._hub.ended = True
         given_up = time.monotonic() + GRACE
         while self._hub.browsers and self.alive and time.monotonic() < given_up:
             time.sleep(0.01)
@@ -72,10 +73,6 @@ class Dashboard:
         self._thread.join(LEFT_BEHIND)
         if self.alive:
             self._hub.notice(f"its server has not ended within {LEFT_BEHIND:g} s: it is left behind")
-
-    def __enter__(self) -> Self:
-        """Return the dashboard."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Stop serving."""

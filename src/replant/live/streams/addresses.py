@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import math
 import os
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
-from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
+from typing import TypeVar
+from urllib.parse import parse_qsl, unquote, urlsplit
 
 from replant.errors import InvalidArgumentError, LogError
 from replant.live.streams.reader_thread import Source
 from replant.live.streams.source import UY, Columns, Signals
+
+N = TypeVar("N", int, float)
 
 
 @dataclass(frozen=True)
@@ -49,32 +53,24 @@ class Address:
 
     def whole(self, option: str, default: int, *, least: int) -> int:
         """Return an option as a whole number."""
-        text = self.options.get(option, str(default))
-        try:
-            value = int(text)
-        except ValueError:
-            value = least - 1
-        if value < least:
-            raise InvalidArgumentError(
-                f"{self.name}: {option} must be a whole number of at least {least}, got {text!r}; "
-                f"write {option}={max(default, least)}"
-            )
-        return value
+        what = f"a whole number of at least {least}"
+        found = self._number(option, int, lambda value: value >= least, what, max(default, least))
+        return default if found is None else found
 
     def positive(self, option: str) -> float | None:
         """Return an option as a positive number, None where it is not given."""
+        return self._number(option, float, lambda value: 0.0 < value < math.inf, "a positive number", 1)
+
+    def _number(self, option: str, kind: type[N], holds: Callable[[N], bool], what: str, example: int) -> N | None:
+        """Return an option that must be a number for which ``holds`` is true, None where it is not given."""
         text = self.options.get(option)
         if text is None:
             return None
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not 0.0 < value < math.inf:
-            raise InvalidArgumentError(
-                f"{self.name}: {option} must be a positive number, got {text!r}; write {option}=1"
-            )
-        return value
+        with contextlib.suppress(ValueError):
+            value = kind(text)
+            if holds(value):
+                return value
+        raise InvalidArgumentError(f"{self.name}: {option} must be {what}, got {text!r}; write {option}={example}")
 
     def one_of(self, option: str, choices: Collection[str], default: str) -> str:
         """Return an option that must be one of several words."""
@@ -94,7 +90,9 @@ def split(url: str) -> Address:
         parts = urlsplit(url)
     except ValueError as cause:
         raise InvalidArgumentError(f"{url}: not a URL ({cause}); write scheme://host:port") from None
-    name = without_password(parts)
+    name = parts.geturl() if parts.netloc else parts.geturl().replace(":", "://", 1)  # geturl leaves an empty host out
+    if parts.password is not None:
+        name = name.replace(f":{parts.password}@", "@", 1)
     try:
         port = parts.port
     except ValueError:
@@ -109,12 +107,6 @@ def split(url: str) -> Address:
         None if parts.password is None else unquote(parts.password),
         options_of(name, parts.query),
     )
-
-
-def without_password(parts: SplitResult) -> str:
-    """Return the URL without its password."""
-    url = parts.geturl() if parts.netloc else parts.geturl().replace(":", "://", 1)  # geturl leaves an empty host out
-    return url if parts.password is None else url.replace(f":{parts.password}@", "@", 1)
 
 
 def options_of(name: str, query: str) -> dict[str, str]:
@@ -183,7 +175,7 @@ def parts_of(url: str) -> tuple[Address, str]:
         path, query = url, ""
     if not path:
         raise InvalidArgumentError(f"{url!r}: the source is missing; write {SCHEMES['tcp'][1]}, {_OTHERS}")
-    opener = {"-": "serial_and_network.PipeSource", "demo": "demo.DemoSource"}.get(path, "demo.open_replay")
+    opener = {"-": "serial_and_network.PipeSource", "demo": "demo.open_demo"}.get(path, "demo.open_replay")
     if opener == "demo.open_replay" and not os.path.exists(path):  # noqa: PTH110 - for Path some names are an error
         raise LogError(f"{path}: no such file; check the path")
     return Address(url, "", path=path, options=options_of(url, query)), opener

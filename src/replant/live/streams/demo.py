@@ -5,8 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,19 +29,20 @@ REPLAYED = 1 << 12  # samples handed over at once at the most [samples]
 LONGEST_PAUSE = 3600.0  # the longest single pause: the system's timers may refuse a longer one [s]
 
 
+#: Gives blocks of a record with their times in s; they may begin behind the number of the last sample, if there is one.
+Blocks = Callable[[int | None], Iterable[tuple[Batch, FloatArray]]]
+
+
 class Played(Source):
     """A record that is played: its samples come when their time has come, at a speed."""
 
     waits = True
     capacity = 4 * REPLAYED
 
-    def __init__(self, name: str, speed: float) -> None:
+    def __init__(self, name: str, speed: float, blocks: Blocks, refused: int = 0) -> None:
         super().__init__(name)
-        self._speed = speed
-
-    @abstractmethod
-    def _blocks(self, last: int | None) -> Iterator[tuple[Batch, FloatArray]]:
-        """Return blocks of the record with their times in s; they may begin behind the number of the last sample."""
+        self._speed, self._blocks = speed, blocks
+        self._counts["time not finite"] += refused
 
     def _read(self) -> None:
         self._connected()
@@ -65,20 +65,8 @@ class Played(Source):
                     self._stop.wait(min((float(times[at]) - now) / self._speed, LONGEST_PAUSE))
 
 
-class ReplaySource(Played):
-    """A log as a stream, ``log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0."""
-
-    def __init__(self, name: str, record: Batch, elapsed: FloatArray, speed: float, refused: int = 0) -> None:
-        super().__init__(name, speed)
-        self._record = record, elapsed
-        self._counts["time not finite"] += refused
-
-    def _blocks(self, last: int | None) -> Iterator[tuple[Batch, FloatArray]]:
-        yield self._record
-
-
-def open_replay(address: Address, columns: Columns, signals: Signals) -> ReplaySource:
-    """Return the source of a recorded log, whose path and options are in the address."""
+def open_replay(address: Address, columns: Columns, signals: Signals) -> Played:
+    """Return the source of a log, ``log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0."""
     address.allow("input", "output", "reference", "time", "dt", "speed")
     options = address.options
     table = read_columns(Path(address.path))
@@ -112,13 +100,14 @@ def open_replay(address: Address, columns: Columns, signals: Signals) -> ReplayS
     if stamps is None:
         if dt is None and not math.isinf(speed):
             raise InvalidArgumentError(f"{address.name}: no column is the time; add &time=COLUMN or &dt=SECONDS")
-        return ReplaySource(address.name, record, np.arange(rows, dtype=np.float64) * (dt or 0.0), speed)
+        elapsed = np.arange(rows, dtype=np.float64) * (dt or 0.0)
+        return Played(address.name, speed, lambda last: [(record, elapsed)])
     unit = 1.0 if stamps in table.in_seconds else unit_in_seconds(table.names[stamps])
     t = of["time"] * unit
     kept = np.isfinite(t)
     elapsed = np.maximum.accumulate(t[kept]) - t[kept][:1]
-    refused = int(kept.size - kept.sum())
-    return ReplaySource(address.name, replace(record, t=t).select(kept), elapsed, speed, refused)
+    timed, refused = replace(record, t=t).select(kept), int(kept.size - kept.sum())
+    return Played(address.name, speed, lambda last: [(timed, elapsed)], refused)
 
 
 def speed_of(address: Address, default: float) -> float:
@@ -201,23 +190,23 @@ FLUTTER_HOLD = 20  # samples that each value of it lasts [samples]
 LOOPS = "none", "pi"
 
 
-class DemoSource(Played):
-    """The rig of `deap_rig`, driven by `demo_voltage`: 1 kHz, numbered; equal seeds give equal samples."""
+def open_demo(address: Address, columns: Columns, signals: Signals) -> Played:
+    """Return the rig of `deap_rig`, driven by `demo_voltage`: 1 kHz, numbered; equal seeds give equal samples."""
+    speed = speed_of(address, 1.0)
+    address.allow("speed", "seed", "loop")
+    looped = address.one_of("loop", LOOPS, "none") == "pi"
+    seed = address.whole("seed", 0, least=0)
 
-    def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
-        super().__init__(address.name, speed_of(address, 1.0))
-        address.allow("speed", "seed", "loop")
-        self._looped = address.one_of("loop", LOOPS, "none") == "pi"
-        self._seed = address.whole("seed", 0, least=0)
-
-    def _blocks(self, last: int | None) -> Iterator[tuple[Batch, FloatArray]]:
+    def blocks(last: int | None) -> Iterator[tuple[Batch, FloatArray]]:
         at = 0 if last is None else max(last + 1, 0)
-        made: Any = controlled(self._seed, at // _LOOP_BLOCK) if self._looped else simulated(self._seed, at // BLOCK)
-        dt = motor_rig().dt if self._looped else deap_rig().dt
+        made: Any = controlled(seed, at // _LOOP_BLOCK) if looped else simulated(seed, at // BLOCK)
+        dt = motor_rig().dt if looped else deap_rig().dt
         for first, u, y, *reference in made:
             sequence = np.arange(first, first + u.size)
             t = np.asarray(sequence * dt)
             yield Batch(u, y, t, sequence, 0.0, *reference), t
+
+    return Played(address.name, speed, blocks)
 
 
 def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, FloatArray]]:

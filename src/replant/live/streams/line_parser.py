@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from operator import itemgetter
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -48,33 +48,13 @@ def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
     return table if table.shape[1] == width else None
 
 
-def json_value(line: str) -> Any:
-    """Parse one line of JSON."""
+def table_from_json(lines: Sequence[str], columns: Sequence[str]) -> FloatArray | None:
+    """Parse lines of JSON, a sample each, as a whole; return None if a line is anything but an object of numbers."""
     try:
-        return json.loads(line)
-    except (ValueError, RecursionError):
-        raise Malformed("not JSON") from None
-
-
-def json_values(lines: Sequence[str]) -> list[Any] | None:
-    """Parse lines of JSON as a whole; return None if a line is anything but an object or an array."""
-    try:
-        values = json.loads(f"[{',null,'.join(lines)}]")  # the null between keeps two lines from forming one object
-    except (ValueError, RecursionError):
-        return None
-    if len(values) != 2 * len(lines) - 1 or any(value is not None for value in values[1::2]):
-        return None
-    values = values[::2]
-    return values if all(type(value) in (dict, list) for value in values) else None
-
-
-def table_from_json(values: Sequence[Any], columns: Sequence[str]) -> FloatArray | None:
-    """Return JSON objects of one sample each as a table (K, C); None if they are anything else."""
-    try:
-        rows = list(map(itemgetter(*columns), values))
-        if set(map(type, chain.from_iterable(rows))) <= {float, int}:
+        rows = list(map(itemgetter(*columns), map(json.loads, lines)))
+        if set(map(type, chain.from_iterable(rows))) <= {float, int}:  # bool is neither
             return np.array(rows, dtype=np.float64)
-    except (LookupError, TypeError, OverflowError):
+    except (ValueError, LookupError, TypeError, OverflowError, RecursionError):
         pass
     return None
 
@@ -106,20 +86,17 @@ def from_json(value: Any, columns: Sequence[str], one: str) -> list[Row]:
             raise Malformed("not an object")
         if not set(columns) <= item.keys():
             raise Malformed("fields missing")
-        rows += _samples(item, columns, one)
+        fields = {name: item[name] for name in columns}
+        if not isinstance(item[one], list):
+            rows.append(tuple(_number(name, value) for name, value in fields.items()))
+            continue
+        count = len(item[one])
+        if type(fields.get(NUMBER)) is int:
+            fields[NUMBER] = list(range(fields[NUMBER], fields[NUMBER] + count))
+        if any(not isinstance(values, list) or len(values) != count for values in fields.values()):
+            raise Malformed("arrays of different lengths")
+        rows += zip(*(_numbers(name, values) for name, values in fields.items()), strict=True)
     return rows
-
-
-def _samples(item: dict[str, Any], columns: Sequence[str], one: str) -> list[Row]:
-    fields = {name: item[name] for name in columns}
-    if not isinstance(item[one], list):
-        return [tuple(_number(name, value) for name, value in fields.items())]
-    count = len(item[one])
-    if type(fields.get(NUMBER)) is int:
-        fields[NUMBER] = list(range(fields[NUMBER], fields[NUMBER] + count))
-    if any(not isinstance(values, list) or len(values) != count for values in fields.values()):
-        raise Malformed("arrays of different lengths")
-    return list(zip(*(_numbers(name, values) for name, values in fields.items()), strict=True))
 
 
 def _numbers(name: str, values: Sequence[Any]) -> list[float]:
@@ -130,10 +107,9 @@ def _numbers(name: str, values: Sequence[Any]) -> list[float]:
 
 
 def _number(name: str, value: Any) -> float:
-    kind = type(value)
     if value is None and name not in (NUMBER, TIME):
         return float("nan")
-    if kind is float or kind is int:  # bool is neither
+    if type(value) in (float, int):  # bool is neither
         with contextlib.suppress(OverflowError):
             return float(value)
     raise Malformed("not a number")
@@ -161,14 +137,12 @@ class LineSplitter:
                 self._counters["cut off"] += 1
             self._skipping = not end
             self._midway = self._midway and not end and not counted
-        last = data.rfind(b"\n") + 1
-        complete = self._tail + data[:last] if last else b""
-        tail = data[last:] if last else self._tail + data
+        complete, end, tail = (self._tail + data).rpartition(b"\n")
         if len(tail) > self._longest:
             self._counters["too long"] += 1
             self._skipping, tail = True, b""
         self._tail = tail
-        return self._without_long(complete)
+        return self._without_long(complete + end)
 
     def _without_long(self, block: bytes) -> bytes:
         if len(block) <= self._longest + 1:
@@ -197,8 +171,6 @@ class LineSplitter:
         self.restart()
         self._skipping = self._midway = True
 
-
-Item = TypeVar("Item")
 
 FEW = 10  # lines up to which a block is parsed line by line: parsing it as a whole costs as much as ten lines [lines]
 LARGEST_NUMBER = 2.0**53  # largest whole number up to which float64 represents every one exactly [number]
@@ -260,8 +232,7 @@ class Parser:
 
     def count(self, reason: str, samples: int = 1) -> None:
         """Count lines or samples that were refused."""
-        if samples:
-            self._counters[reason] += samples
+        self._counters[reason] += samples
 
     def set_columns(self, columns: tuple[str, ...]) -> None:
         """Set the columns; a first line of CSV that still waits has others, and is counted as refused."""
@@ -273,33 +244,30 @@ class Parser:
     def _tables(self, lines: list[str]) -> list[FloatArray]:
         """Return the rows of lines; a block with a faulty line is halved until few lines are left to parse singly."""
         if self.columns is None or len(lines) <= FEW:
-            return self._each(filter(is_data, lines), self._line)
-        if lines[0].startswith(("{", "[")):
-            values = json_values(lines)
-            if values is not None:
-                table = table_from_json(values, self.columns)
-                return self._each(values, self._value) if table is None else [table]
-        elif any(map(str.strip, lines)):  # loadtxt warns about a block without data
+            return self._each(lines)
+        if lines[0].startswith("{"):
+            table = table_from_json(lines, self.columns)
+            return self._each(lines) if table is None else [table]
+        if any(map(str.strip, lines)):  # loadtxt warns about a block without data
             table = table_from_cells(lines, len(self.columns))
             if table is not None:
                 return [table]
         middle = len(lines) // 2
         return self._tables(lines[:middle]) + self._tables(lines[middle:])
 
-    def _each(self, items: Iterable[Item], read: Callable[[Item], list[Row]]) -> list[FloatArray]:
-        """Return the rows that ``read`` finds in the items; items that it refuses are counted."""
+    def _each(self, lines: list[str]) -> list[FloatArray]:
+        """Return the rows of lines, each parsed by itself; one that is refused is counted."""
         rows: list[Row] = []
-        for item in items:
+        for line in filter(is_data, lines):
             try:
-                rows += read(item)
+                rows += self._line(line.strip())
             except Malformed as reason:
                 self.count(str(reason))
         return [np.array(rows)] if rows else []
 
     def _line(self, line: str) -> list[Row]:
-        line = line.strip()
         if line[0] in "{[":
-            return self._value(json_value(line))
+            return self._json(line)
         header = header_of(line, self.signals) if self.columns is None and self.signals != UY else None
         if header is not None:
             self.set_columns(header)
@@ -317,7 +285,11 @@ class Parser:
         self.columns, self._waiting = by_width[len(row)], None
         return [first, row]
 
-    def _value(self, value: Any) -> list[Row]:
+    def _json(self, line: str) -> list[Row]:
+        try:
+            value = json.loads(line)
+        except (ValueError, RecursionError):
+            raise Malformed("not JSON") from None
         columns = columns_of(value, self.signals) if self.columns is None else self.columns
         rows = from_json(value, columns or self.signals.names, self.signals.inputs[0])
         if self.columns is None and rows and columns:
@@ -366,10 +338,10 @@ class Payloads:
         if names is None or not is_known or not numbers or len(numbers) % (8 * len(names)):
             raise Malformed("not packed right")
         table = np.frombuffer(numbers, "<f8").astype(np.float64).reshape(-1, len(names))
-        if self._parser.columns is None:
+        columns = self._parser.columns
+        if columns is None:
             self._parser.set_columns(names)
-        if self._parser.columns is None or names == self._parser.columns:
             return table
-        if not set(self._parser.columns) <= set(names):
+        if not set(columns) <= set(names):
             raise Malformed("fields missing")
-        return table[:, [names.index(name) for name in self._parser.columns]]
+        return table[:, [names.index(name) for name in columns]]

@@ -85,8 +85,7 @@ class Inbox:
         with self._changed:
             if not self._ring:
                 for name, signal in (batch.signals | {"arrived": EMPTY}).items():
-                    kind = np.int64 if name == "sequence" else float
-                    self._ring[name] = np.empty((self._capacity, *signal.shape[1:]), kind)
+                    self._ring[name] = np.empty((self._capacity, *signal.shape[1:]), signal.dtype)
             if self._drop:
                 done = max(samples - self._capacity, 0)
                 over = max(self._size + samples - done - self._capacity, 0)
@@ -110,12 +109,14 @@ class Inbox:
                 raise self._failure
             count = min(self._size, self._capacity - self._head, LARGEST_BATCH)
             if not count:
-                return Batch(EMPTY, EMPTY, None, None, time.monotonic())
-            taken = {name: column[self._head : self._head + count].copy() for name, column in self._ring.items()}
+                return Batch(EMPTY, EMPTY, arrived=time.monotonic())
+            taken: dict[str, Any] = {
+                name: column[self._head : self._head + count].copy() for name, column in self._ring.items()
+            }
             self._remove(count)
             self._changed.notify_all()
-        arrived = float(taken["arrived"][-1])
-        return Batch(taken["u"], taken["y"], taken.get("t"), taken.get("sequence"), arrived, taken.get("r"))
+        arrived = float(taken.pop("arrived")[-1])
+        return Batch(**taken, arrived=arrived)
 
     def end(self, failure: BaseException | None = None) -> None:
         """Mark the end of the stream; `get` raises ``failure`` once the buffer is empty."""
@@ -172,11 +173,18 @@ class Source(ABC):
 
     def batches(self) -> Iterator[Batch]:
         """Yield samples as they arrive, an empty batch at least every 0.1 s, until the stream ends or is closed."""
-        thread = Worker(self._run)
+        thread, deadline = Worker(self._run), float("inf")
         with self._stop:
             thread.start()
             try:
-                yield from self._batches_until_end()
+                while True:
+                    batch = self._inbox.get(TICK)
+                    if not len(batch) and (self._inbox.ended or time.monotonic() > deadline):
+                        return
+                    if len(batch) or not self._stop.requested:
+                        yield batch
+                    else:
+                        deadline = min(deadline, time.monotonic() + CLOSE_TIMEOUT)
             finally:
                 self.close()
                 self._inbox.abandon()
@@ -195,19 +203,6 @@ class Source(ABC):
     def counters(self) -> dict[str, int]:
         """How often each fault has occurred; faults that never occurred are not listed."""
         return {reason: count for reason, count in dict(self._counts).items() if count}
-
-    def _batches_until_end(self) -> Iterator[Batch]:
-        deadline = float("inf")
-        while True:
-            batch = self._inbox.get(TICK)
-            if len(batch):
-                yield batch
-            elif self._inbox.ended or time.monotonic() > deadline:
-                return
-            elif self._stop.requested:
-                deadline = min(deadline, time.monotonic() + CLOSE_TIMEOUT)
-            else:
-                yield batch
 
     def _run(self) -> None:
         failure: BaseException | None = None

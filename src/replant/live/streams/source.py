@@ -74,9 +74,10 @@ class Batch:
     y: FloatArray
     # (K,): the device's time stamps in s.  None: the device sends no stamps; the clock is regular, and each sample is
     # one sampling time after the one before
-    t: FloatArray | None
-    sequence: IntArray | None  # (K,): the device's sequence numbers, strictly increasing; a gap means lost samples
-    arrived: float  # `time.monotonic()` when the newest sample arrived
+    t: FloatArray | None = None
+    # (K,): the device's sequence numbers, strictly increasing; a gap means lost samples
+    sequence: IntArray | None = None
+    arrived: float = 0.0  # `time.monotonic()` when the newest sample arrived
     r: FloatArray | None = None  # (K,): the reference; NaN where the device sent none.  None: there is no reference
 
     def __len__(self) -> int:
@@ -94,10 +95,10 @@ class Batch:
 
     def followed_by(self, other: Batch) -> Batch:
         """Return the samples of this batch and then those of ``other``, which has the same fields."""
-        here, there = self.signals, other.signals
-        both = {name: np.concatenate([here[name], there[name]]) for name in here if name in there}
-        joined: dict[str, Any] = {"t": None, "sequence": None, **both}
-        return Batch(**joined, arrived=other.arrived)
+        both: dict[str, Any] = {
+            name: np.concatenate([here, getattr(other, name)]) for name, here in self.signals.items()
+        }
+        return replace(other, **both)
 
 
 # a misread number that is less ahead costs the samples up to it, as duplicates: twice as many would be more than
