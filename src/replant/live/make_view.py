@@ -187,14 +187,8 @@ def _seen(identifier: Identifier, finite: bool, at: float, signals: Signals) -> 
                 )  # fmt: skip
         if newest.judged.any():
             output, fit = run.output, run.fit
-    return _Seen(
-        ((mapped_label(signals.inputs[0], preprocess.input_map), identifier.structure, model, identifier.uncertainty),),
-        newest,
-        output,
-        fit,
-        verdict,
-        kept,
-    )
+    label = mapped_label(signals.inputs[0], preprocess.input_map)
+    return _Seen(((label, identifier.structure, model, identifier.uncertainty),), newest, output, fit, verdict, kept)
 
 
 def _seen_row(identifier: RowIdentifier, finite: bool, signals: Signals) -> _Seen:
@@ -242,9 +236,7 @@ def make_view(
         excited=verdict.excited,
         reasons=verdict.reasons,
         simulated=seen.fit,
-        residual_std=math.nan
-        if noise is None or noise.residual_variance == 0.0
-        else math.sqrt(noise.residual_variance),
+        residual_std=math.nan if noise is None else math.sqrt(noise.residual_variance or math.nan),
         output_label=signals.output,
         window=window,
         history=history.rows(),

@@ -19,16 +19,14 @@ from replant.live.progress import Identification
 from replant.live.view import View
 from replant.logs import Log
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.numerics.robust import stretches_of
 from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
-from replant.online.running_model import model_of, newest_of_row, newest_samples
+from replant.online.running_model import model_of, newest_of_row, newest_run, newest_samples
 from replant.online.runs.result import Clock, History, Result
 from replant.plotting.numbers import fraction, grouped, with_std, wrapped
 from replant.report.findings import colour_of, without_reasons, words_of
 from replant.report.results_as_text import parameter_table
-from replant.verdict import fit_percent, simulate
 
 LINES_APART = 5.0  # time between two lines where nobody watches [s]
 REASONS_WIDTH = 71  # width of the reasons, where a terminal has 80 columns [columns]
@@ -193,25 +191,16 @@ def _write_row(path: Path, identifier: RowIdentifier, view: View) -> None:
 def _result(identifier: Identifier, view: View, log: Log) -> Result:
     settings = identifier.settings
     assert settings is not None
-    u, y, t = log.input, log.output, log.stamps
-    judged = identifier.judged
-    y = np.where(judged, y, np.nan)
     seen = dataclasses.replace(settings, preprocess=dataclasses.replace(settings.preprocess, input_map="identity"))
-    simulation = simulate(
-        identifier.transfer_function, u - float(settings.preprocess.input_offset), y, identifier.dt,
-        input_hold=settings.filter.input_hold, t=t,
-    )  # fmt: skip
-    rows = view.history
-    known = np.isfinite(rows.parameters).all(axis=1)
+    rows, t, judged, verdict = view.history, log.stamps, identifier.judged, identifier.assess()
+    whole = {"input": log.input, "output": log.output, "intervals": identifier.recent.T[2], "judged": judged}
+    simulation, ahead = newest_run(identifier, dataclasses.replace(newest_samples(identifier), **whole))
     # the report's log holds the newest samples only, so rows are numbered from its first sample
     if t is None:
-        samples = np.round((rows.t - view.at) / identifier.dt).astype(np.int64) + u.size
-        errors = one_step(y - simulation.output)
+        samples = np.round((rows.t - view.at) / identifier.dt).astype(np.int64) + log.input.size
     else:
         samples = np.searchsorted(t, rows.t - view.at + t[-1], side="right").astype(np.int64)
-        errors = one_step_with_lost(y - simulation.output, t, identifier.dt)
-    known &= samples > 0
-    verdict, ahead = identifier.assess(), fit_percent(y, y - errors)
+    known = np.isfinite(rows.parameters).all(axis=1) & (samples > 0)
     return Result(
         model_of(identifier, simulation, ahead, verdict),
         ahead,

@@ -88,8 +88,8 @@ def test_what_is_drawn_is_cut_to_the_digits_that_are_seen_and_the_model_is_not()
     assert json.loads(frame.history)["history"]["t"] == [round(third, DIGITS)]
     assert view["num"] == [third]
     assert not {"history", "model"} & set(view)
-    assert hub.model() == model
     assert hub.newest is not None
+    assert hub.newest["model"] == model
     assert hub.newest["window"]["y"] == [third, None]
 
 

@@ -80,11 +80,6 @@ class Hub:
             self._frame = Frame(view, *text)
         return self._frame
 
-    def model(self) -> dict[str, Any]:
-        """Return the newest model with all its digits; empty before there is one."""
-        model: dict[str, Any] = (self.newest or {}).get("model", {})
-        return model
-
     async def report(self) -> bytes:
         """Return a report of the identification as HTML; takes seconds, in a thread."""
         if not self._reporting.acquire(blocking=False):
@@ -164,7 +159,7 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
     """Return the routes of views, commands, models and reports."""
 
     async def model(request: Request) -> Response:
-        found = hub.model()
+        found = (hub.newest or {}).get("model")  # with all its digits
         if not found:
             return PlainTextResponse("There is no model yet.\n", 404)
         if request.url.path == "/model.py":

@@ -46,16 +46,17 @@ class Sink(Protocol):
     interval: float
     #: Whether the receiver lacks the newest estimate, which must be sent again: the receiver is slow, was away, or has
     #: just connected.
-    behind: bool
+    behind: bool = False
 
     def send(self, estimate: EstimateMessage) -> None:
         """Send the estimate, or leave it out and set `behind`, or raise OSError with the reason."""
 
     def close(self) -> None:
-        """Send what is queued, and close the connection."""
+        """Send what is queued, and close the connection; where lines are written at once, do nothing."""
+        return
 
 
-class LineSink:
+class LineSink(Sink):
     """Writes JSON lines to an open file, by default standard output."""
 
     name = "-"
@@ -64,7 +65,6 @@ class LineSink:
     def __init__(self, descriptor: int = 1) -> None:
         self._descriptor = descriptor
         self._cut = False  # whether the last line was written in part
-        self.behind = False
         self._is_pipe = False
         self._poll: Any = None
         try:
@@ -96,11 +96,8 @@ class LineSink:
             return True
         return bool(ready) and not (alone and self._is_pipe and _unread(self._descriptor))
 
-    def close(self) -> None:
-        """Do nothing: lines are written at once."""
 
-
-class UdpSink:
+class UdpSink(Sink):
     """Sends each estimate as a UDP datagram, heard or not; PlotJuggler's "UDP Server" reads its JSON."""
 
     interval = 0.0005  # no controller reads estimates faster
@@ -115,7 +112,6 @@ class UdpSink:
         self._to: Any = to
         self._socket = socket.socket(family, kind, protocol)
         self._socket.setblocking(False)
-        self.behind = False
 
     def send(self, estimate: EstimateMessage) -> None:
         """Send a datagram, which the network may lose."""
@@ -132,7 +128,7 @@ class UdpSink:
         self._socket.close()
 
 
-class MqttSink:
+class MqttSink(Sink):
     """Publishes estimates over MQTT; the broker retains the newest for clients that subscribe later.
 
     During a break estimates are left out; the newest one is sent after it.  If the session or its network dies, the

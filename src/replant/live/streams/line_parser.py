@@ -224,7 +224,9 @@ class Parser:
         for column, name in enumerate(self.columns or ()):
             if name in REASONS:
                 values = table[:, column]
-                fine = np.isfinite(values) if name == TIME else is_number(values)
+                fine = np.isfinite(values)
+                if name == NUMBER:  # whole, not negative, and exact in float64
+                    fine = (values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values))
                 if not fine.all():
                     self.count(REASONS[name], int(fine.size - fine.sum()))
                     table = table[fine]
@@ -295,11 +297,6 @@ class Parser:
         if self.columns is None and rows and columns:
             self.set_columns(columns)
         return rows
-
-
-def is_number(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return which values (K,) are valid sequence numbers: whole, not negative, exact in float64."""
-    return np.asarray((values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values)))
 
 
 #: The first bytes of a packed payload; four letters that name its columns follow ("ntuy", "tuyr", "uy  ").

@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
-import stat
 import sys
 import time
 import uuid
 from abc import abstractmethod
 from collections import deque
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from replant.errors import InvalidArgumentError
@@ -20,6 +21,8 @@ from replant.live.streams.reader_thread import BACKOFF, Source
 from replant.live.streams.source import UY, Columns, Signals
 from replant.logs.table import needed
 from replant.numerics.operating_system import reason_of
+
+BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 
 
 class Wire(Source):
@@ -52,6 +55,17 @@ class Wire(Source):
             self._pause(trouble)
         self._deliver(self._parser.finish(time.monotonic()))
 
+    def _deliver_stream(self, file: socket.socket | int, read: Callable[[int], bytes]) -> None:
+        """Deliver the lines that ``read`` gives of a file or a connection until it ends or a stop is requested."""
+        # on POSIX select() waits for files, too, on Windows for sockets only
+        waits = os.name == "posix" or isinstance(file, socket.socket)
+        while not self._stop.requested:
+            if not waits or self._stop.wait_readable(file, 60.0):
+                data = read(BLOCK)
+                if not data:
+                    return
+                self._deliver_lines(data)
+
     def _deliver_lines(self, data: bytes) -> None:
         self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
 
@@ -60,9 +74,6 @@ class Wire(Source):
         self.state, self.trouble = "waiting" if self._again else "connecting", trouble
         self._stop.wait(self._backoff)
         self._backoff = min(2.0 * self._backoff, BACKOFF[1])
-
-
-BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 
 
 class PipeSource(Wire):
@@ -81,16 +92,9 @@ class PipeSource(Wire):
 
     def _session(self) -> None:
         self._connected()
-        # on POSIX select() also waits for pipes, on Windows for sockets only; a regular file is always readable
-        waits = os.name == "posix" and not stat.S_ISREG(os.fstat(self._file).st_mode)
-        while not self._stop.requested:
-            if waits and not self._stop.wait_readable(self._file, 60.0):
-                continue
-            data = os.read(self._file, BLOCK)
-            if not data:
-                self._deliver(self._parser.parse(self._lines.rest(), time.monotonic()))
-                return
-            self._deliver_lines(data)
+        self._deliver_stream(self._file, partial(os.read, self._file))
+        if not self._stop.requested:
+            self._deliver(self._parser.parse(self._lines.rest(), time.monotonic()))
 
 
 BAUD = 115_200  # usual rate of a serial line [bit/s]
@@ -186,23 +190,14 @@ class TcpSource(Wire):
         try:
             with socket.create_connection(self._place, CONNECT_TIMEOUT) as peer:
                 self._connected()
-                self._receive(peer)
+                enable_keepalive(peer)
+                if self._numbering.last is not None:
+                    peer.sendall(f"after {self._numbering.last}\n".encode())
+                self._deliver_stream(peer, peer.recv)
         except OSError as error:
             trouble = reason_of(error)
         self._lines.restart()
         return trouble
-
-    def _receive(self, peer: socket.socket) -> None:
-        """Deliver samples until the peer closes the connection or a stop is requested."""
-        enable_keepalive(peer)
-        if self._numbering.last is not None:
-            peer.sendall(f"after {self._numbering.last}\n".encode())
-        while not self._stop.requested:
-            if self._stop.wait_readable(peer, 60.0):
-                data = peer.recv(BLOCK)
-                if not data:
-                    return
-                self._deliver_lines(data)
 
 
 def enable_keepalive(peer: socket.socket) -> None:
