@@ -55,18 +55,12 @@ class ObserverProcess:
             return "its connection was closed"
         return f"signal {-code}" if code < 0 else f"exit code {code}"
 
-    def clean_up(self) -> None:
-        """Close the connection to a process that has closed its own; if the process still runs, kill it."""
-        self.connection.close()
+    def end(self, wait: float) -> None:
+        """Ask the process to end, kill it if it has not ended after ``wait`` s, and close the connection."""
         self.outbox.put(None)
-        self.process.join(0.2)
+        self.process.join(wait)
         self._kill()
-
-    def end(self) -> None:
-        """Ask the process to end, and kill it if it has not ended after `GOODBYE`."""
-        self.outbox.put(None)
-        self.process.join(GOODBYE)
-        self.clean_up()
+        self.connection.close()
 
     def _kill(self) -> None:
         if self.process.is_alive():
@@ -204,7 +198,8 @@ class Observer:
     def _handle_exit(self) -> None:
         """Clean up after a process that has ended, and schedule the next one."""
         self._alive = False
-        self._process.clean_up()
+        self._process.connection.close()  # a process that still reads it ends by that
+        self._process.end(wait=0.2)
         lost, self._lines = self._lines, []
         for line in lost:
             self.show(line)
@@ -235,7 +230,7 @@ class Observer:
     def close(self) -> None:
         """End the process; lines that were not shown yet are printed to standard error."""
         if self._alive:
-            self._process.end()
+            self._process.end(wait=GOODBYE)
             self._alive = False
         for line in self._lines:
             _print(line)

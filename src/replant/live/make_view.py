@@ -49,17 +49,15 @@ class EstimateHistory:
         """Drop every row."""
         self._rows: list[FloatArray] = []
         self._appended, self._stride = 0, 1  # of the rows appended, one in so many stays
-        self._newest_stays = True
 
     def append(self, t: float, parameters: FloatArray, std: FloatArray) -> None:
         """Append the newest row.  It stays if its number is a multiple of the stride; else the next row replaces it."""
-        if not self._newest_stays:
+        if (self._appended - 1) % self._stride:
             self._rows.pop()
         if len(self._rows) == MOST_ROWS:
             self._rows = self._rows[::2]
             self._stride *= 2
         self._rows.append(np.concatenate([[t], parameters, std]))
-        self._newest_stays = self._appended % self._stride == 0
         self._appended += 1
 
     def rows(self) -> Rows:

@@ -54,20 +54,15 @@ class TerminalStatus:
         if self._gone:
             return
         try:
-            self._show(view, lines)
+            for line in lines:
+                self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+            if view is not None and self._live is not None:
+                self._live.update(render(view, self._truth), refresh=True)
+            elif view is not None and time.monotonic() >= self._next:
+                self._next = time.monotonic() + LINES_APART
+                print(status_line(view), file=sys.stderr, flush=True)
         except (OSError, SystemExit):  # the window was closed, or the reader of a pipe, where rich would exit
             self._gone = True
-
-    def _show(self, view: View | None, lines: Sequence[str]) -> None:
-        for line in lines:
-            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
-        if view is None:
-            return
-        if self._live is not None:
-            self._live.update(render(view, self._truth), refresh=True)
-        elif time.monotonic() >= self._next:
-            self._next = time.monotonic() + LINES_APART
-            print(status_line(view), file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Remove the status; printed lines stay."""

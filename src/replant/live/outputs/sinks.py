@@ -289,19 +289,14 @@ class Publisher:
         self._newest = estimate()
         for receiver in due:
             receiver.pending, receiver.due = False, now + receiver.sink.interval
-            with receiver.lock:
-                self._transmit(receiver)
+            self._transmit(receiver)
 
     def check(self) -> None:
         """Do the watchdog's work once: withdraw expired trust, and send again what did not arrive."""
         expired = self._remaining() <= 0.0
         for receiver in self._watched:
-            wanted = receiver.sink.behind or (expired and receiver.trusted)
-            if wanted and receiver.lock.acquire(blocking=False):  # else the other thread is sending right now
-                try:
-                    self._transmit(receiver)
-                finally:
-                    receiver.lock.release()
+            if receiver.sink.behind or (expired and receiver.trusted):
+                self._transmit(receiver, wait=0.0)  # the other thread may be sending right now
 
     def end(self) -> None:
         """Send ``status: ended`` on every sink, and close them; a second call has no effect."""
@@ -311,10 +306,7 @@ class Publisher:
         if self._thread is not None:
             self._thread.join(GOODBYE)
         for receiver in self._watched:
-            if receiver.lock.acquire(timeout=GOODBYE):  # else its connection blocks the watchdog
-                if not receiver.ended:  # the watchdog may have been about to send, and said it
-                    self._transmit(receiver)
-                receiver.lock.release()
+            self._transmit(receiver, wait=GOODBYE)  # its connection may block the watchdog
         deadline = time.monotonic() + GOODBYE
         while any(receiver.sink.behind for receiver in self._watched) and time.monotonic() < deadline:
             time.sleep(0.2 * TICK)
@@ -334,13 +326,15 @@ class Publisher:
         """Return how long a controller may still use the estimate, in s."""
         return 0.0 if self._ended.is_set() else max(self._accepted + self._ttl - self._now(), 0.0)
 
-    def _transmit(self, receiver: _Receiver) -> None:
-        """Send the newest estimate with the present time to live; the caller holds the receiver's lock."""
-        if self._newest is None:
+    def _transmit(self, receiver: _Receiver, wait: float = -1.0) -> None:
+        """Send the newest estimate with the present time to live, unless another thread is sending for ``wait`` s."""
+        if self._newest is None or not receiver.lock.acquire(timeout=wait):
             return
-        estimate = self._stamped(self._newest)
-        receiver.trusted |= estimate.trusted
         try:
+            if receiver.ended:  # the watchdog may have been about to send, and said it
+                return
+            estimate = self._stamped(self._newest)
+            receiver.trusted |= estimate.trusted
             receiver.sink.send(estimate)
             if not receiver.sink.behind:
                 receiver.trusted, receiver.ended = estimate.trusted, estimate.status == ENDED
@@ -350,6 +344,8 @@ class Publisher:
         except Exception as error:  # a fault of one sink; the others, and the watchdog, continue
             name = receiver.sink.name
             self._notices.say(name, f"replant: {name}: {one_line(error)}; identification continues")
+        finally:
+            receiver.lock.release()
 
     def _stamped(self, estimate: EstimateMessage) -> EstimateMessage:
         """Return the estimate as it is sent now: with time to live, time of sending and the status that follows."""
