@@ -7,32 +7,37 @@ from __future__ import annotations
 
 import gzip
 import os
-import shutil
 import stat
 import sys
-import tempfile
-import weakref
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from replant.errors import LogError, MissingDependencyError
 from replant.logs import arrow, channels, parser_process
 from replant.logs.parser_process import FORMATS
-from replant.logs.table import Arrays, Table, damage_as_log_error, listed, needed, open_zip, unreadable_error
+from replant.logs.table import (
+    Arrays,
+    Table,
+    UnpackedFile,
+    chunks_of,
+    damage_as_log_error,
+    listed,
+    needed,
+    open_zip,
+    unreadable_error,
+)
 
 STANDARD_INPUT = Path("-")  # what stands for standard input
 _KINDS = {".gz": "gzip file", ".zip": "zip archive", ".zst": "Zstandard file"}
 SUFFIXES = tuple(_KINDS)
-_BLOCK_BYTES = 1 << 20  # bytes unpacked at a time [bytes]
 _ZSTD_BYTES = 1 << 10  # bytes taken at a time: of 4 may come 128 kB, so these yield 32 MB at the most [bytes]
 LARGEST_WINDOW = 1 << 27  # memory that unpacking a Zstandard file may take, as by zstd itself [bytes]
 HEAD_BYTES = 1 << 25  # unpacked bytes after which text is looked at, before the rest is unpacked [bytes]
-MOST_OF_DISK = 0.8  # part of the disk's free space that an unpacked file may take [part]
 
 
 def read_packed(path: Path) -> Table:
@@ -45,7 +50,7 @@ def read_packed(path: Path) -> Table:
         inner = PurePosixPath(name.replace("\\", "/")).name
         if PurePosixPath(inner).suffix.lower() in SUFFIXES:
             raise LogError(f"{path}: holds another compressed file, {inner}; unpack it first")
-        copy = _Copy(path, inner, parts)
+        copy = _unpacked(path, inner, parts)
     return _table_of(path, copy)
 
 
@@ -56,66 +61,55 @@ def read_standard_input() -> Table:
     file = getattr(sys.stdin, "buffer", None)
     if file is None:
         raise LogError("standard input: not open for reading bytes; give the log's path")
-    head = file.read(_BLOCK_BYTES)
+    parts = chunks_of(file)
+    head = next(parts, b"")
     name = "log.jsonl" if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{") else "log.csv"
-    copy = _Copy(STANDARD_INPUT, name, chain([head], _parts_of(file)))
-    return _table_of(STANDARD_INPUT, copy)
+    return _table_of(STANDARD_INPUT, _unpacked(STANDARD_INPUT, name, chain([head], parts)))
 
 
-class _Copy:
-    """A file in a temporary folder, which is removed with this object."""
+def _unpacked(path: Path, name: str, parts: Iterable[bytes]) -> UnpackedFile:
+    """Unpack a file; of a text that is long, rows are looked for in the first lines before the rest is unpacked."""
+    # the other formats have their numbers where they say
+    is_checked = not FORMATS.get(PurePosixPath(name).suffix.lower(), "").startswith(("csv.", "jsonl."))
 
-    def __init__(self, path: Path, name: str, parts: Iterable[bytes]) -> None:
-        folder = tempfile.mkdtemp(prefix="replant-")
-        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        self.path = Path(folder, name)
-        room, size = MOST_OF_DISK * shutil.disk_usage(folder).free, 0
-        # the other formats have their numbers where they say
-        is_checked = not FORMATS.get(self.path.suffix.lower(), "").startswith(("csv.", "jsonl."))
-        with self.path.open("wb") as file:
-            for part in parts:
-                size += file.write(part)
-                if size > room:
-                    raise LogError(
-                        f"{path}: unpacked it is over {size / 1e9:.1f} GB, more than {tempfile.gettempdir()} has room "
-                        "for; unpack it where there is room"
-                    )
-                if size >= HEAD_BYTES and not is_checked:
-                    is_checked = True
-                    file.flush()
-                    with _named(self, path):
-                        _read_file(self.path)  # looks for rows in the first lines
+    def check(copy: Path, size: int) -> None:
+        nonlocal is_checked
+        if size >= HEAD_BYTES and not is_checked:
+            is_checked = True
+            with _named(copy, path):
+                _read_file(copy)
+
+    return UnpackedFile(path, name, parts, check)
 
 
-def _table_of(path: Path, copy: _Copy) -> Table:
+def _table_of(path: Path, copy: UnpackedFile) -> Table:
     if copy.path.stat().st_size == 0:
         raise LogError(f"{path}: the file is empty; record the log again")
-    with _named(copy, path):
+    with _named(copy.path, path):
         table = _read_file(copy.path)
 
     def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
-        with _named(copy, path):
+        with _named(copy.path, path):
             yield from table.blocks(numbers)
 
-    def named(function: Any) -> Any:
-        def of_number(number: int) -> Any:
-            with _named(copy, path):
-                return function(number)
-
-        return function and of_number
-
-    notes = tuple(note.replace(str(copy.path), str(path)) for note in table.notes)
-    asked = {"describe_row": named(table.describe_row), "stamps": named(table.stamps)}
-    return replace(table, path=path, blocks=blocks, notes=notes, **asked)
+    named = _named(copy.path, path)
+    return replace(
+        table,
+        path=path,
+        blocks=blocks,
+        describe_row=named(table.describe_row),
+        stamps=table.stamps and named(table.stamps),
+        notes=tuple(note.replace(str(copy.path), str(path)) for note in table.notes),
+    )
 
 
 @contextmanager
-def _named(copy: _Copy, path: Path) -> Iterator[None]:
+def _named(copy: Path, path: Path) -> Iterator[None]:
     """Have errors name the file that the user named."""
     try:
         yield
     except (LogError, MissingDependencyError) as error:
-        raise type(error)(str(error).replace(str(copy.path), str(path))) from error
+        raise type(error)(str(error).replace(str(copy), str(path))) from error
 
 
 @contextmanager
@@ -123,7 +117,7 @@ def _opened(path: Path, suffix: str) -> Iterator[tuple[str, Iterator[bytes]]]:
     """Open the only file in a compressed one; return its name and its content part by part."""
     if suffix == ".gz":
         with gzip.open(path) as file:
-            yield path.stem, _parts_of(file)
+            yield path.stem, chunks_of(file)
     elif suffix == ".zst":
         with path.open("rb") as packed:
             yield path.stem, _zstd_parts(path, packed)
@@ -131,11 +125,7 @@ def _opened(path: Path, suffix: str) -> Iterator[tuple[str, Iterator[bytes]]]:
         with open_zip(path) as found:
             member = _only_member(path, found)
             with found.open(member) as file:
-                yield member.filename, _parts_of(file)
-
-
-def _parts_of(file: Any) -> Iterator[bytes]:
-    return iter(lambda: file.read(_BLOCK_BYTES), b"")
+                yield member.filename, chunks_of(file)
 
 
 def _zstd_parts(path: Path, packed: BinaryIO) -> Iterator[bytes]:
@@ -207,18 +197,12 @@ def _read_file(path: Path) -> Table:
             f"{path}: unknown file type {suffix!r}; a log is one of {known}, perhaps with {' '.join(SUFFIXES)}"
         )
     with _unreadable_as_log_error(path):
-        for part in _parts(path, suffix):
+        parts_of = channels.parts_of if suffix == ".mcap" else arrow.parts_of
+        for part in parts_of(path) if path.is_dir() else [path]:
             _check_file(part)
         if parser_process.is_apart(FORMATS[suffix]):
             return parser_process.read(path, FORMATS[suffix])
-        table: Table = parser_process.reader(FORMATS[suffix])(path)
-    return table
-
-
-def _parts(path: Path, suffix: str) -> list[Path]:
-    if not path.is_dir():
-        return [path]
-    return channels.parts_of(path) if suffix == ".mcap" else arrow.parts_of(path)
+        return parser_process.reader(FORMATS[suffix])(path)
 
 
 def _check_file(path: Path) -> None:

@@ -11,8 +11,8 @@ import math
 import struct
 import warnings
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,34 +21,43 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.logs.npz import Signal, is_sampling_time, signals_in, table_of_arrays
+from replant.logs.npz import BLOCK_ROWS, Signal, is_sampling_time, signals_in, table_of_arrays
 from replant.logs.parser_process import allow
 from replant.logs.sampling_time import unit_of_stamps
-from replant.logs.table import MOST_COLUMNS, Arrays, Table, at_most, damage_as_log_error, needed, too_many_error
-from replant.numerics.arguments import FloatArray
+from replant.logs.table import MOST_COLUMNS, Table, at_most, damage_as_log_error, needed, too_many_error
 
-_MATLAB = "a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v7')"
-BLOCK_ROWS = 1 << 16  # rows read at a time, or one chunk where that has more [rows]
+_SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
+_MATLAB = f"a MATLAB v7.3 (HDF5) file; {_SAVE_AGAIN}"
 DEEPEST = 64  # groups within each other that are looked into [count]
 MOST_UNWRITTEN = 16  # length of a data set, of which a recorder wrote only a part, in lengths of that part [times]
 _CLASS, _DECODED = "MATLAB_class", "MATLAB_object_decode"
 _NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Array:
-    """A data set, or a field of one that is a table."""
+    """A data set of an open file, or a field of one that is a table."""
 
-    dataset: str
+    dataset: Any
     field: str | None
-    shape: tuple[int, ...]
     dtype: np.dtype[Any]
     is_reversed: bool  # whether the file has its dimensions the other way round, as MATLAB writes them
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        shape: tuple[int, ...] = self.dataset.shape
+        return shape[::-1] if self.is_reversed else shape
+
+    def __getitem__(self, index: tuple[int | slice, ...]) -> Any:
+        values = self.dataset[index[::-1] if self.is_reversed else index]
+        return values if self.field is None else values[self.field]
 
 
 def read_hdf5(path: Path) -> Table:
     """Open an HDF5 file.  Its columns are vectors, the columns of matrices, and the fields of tables."""
-    return _table(path, matlab=False)
+    h5py = needed(path, "h5py", "reading HDF5 needs h5py", "'replant[hdf5]'")
+    guard = partial(damage_as_log_error, path, "HDF5 file", "write it again, or copy it again")
+    return _table(path, h5py, guard, matlab=False)
 
 
 def reasons(objects: Mapping[str, str]) -> dict[str, str]:
@@ -65,11 +74,12 @@ def reasons(objects: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-def _table(path: Path, *, matlab: bool) -> Table:
+def _table(path: Path, h5py: Any, guard: Callable[[], AbstractContextManager[None]], *, matlab: bool) -> Table:
+    """Return the table of a file, which stays open as long as there is the table."""
     left_out: dict[str, str] = {}
-    with _opened(path, matlab=matlab) as file:
-        arrays = _arrays(path, file, left_out, matlab=matlab)
-        return table_of_arrays(path, arrays, partial(_blocks, path, matlab=matlab), partial(_number, file), left_out)
+    with guard():
+        file = h5py.File(path, "r")
+    return table_of_arrays(path, _arrays(path, file, left_out, matlab=matlab), left_out, guard, _block_rows)
 
 
 def _arrays(path: Path, file: Any, left_out: dict[str, str], *, matlab: bool) -> Iterator[tuple[str, _Array]]:
@@ -85,27 +95,17 @@ def _arrays(path: Path, file: Any, left_out: dict[str, str], *, matlab: bool) ->
         if matlab and _DECODED in dataset.attrs:
             objects[name] = kind
         elif dataset.shape is not None and (not matlab or kind in _NUMERIC):
-            shape = dataset.shape[::-1] if matlab else dataset.shape
             fields: dict[str | None, Any] = {None: dataset.dtype}
             if dataset.dtype.names is not None:  # a number in a table of one row is no sampling time
                 fields = {field: dataset.dtype[field] for field in dataset.dtype.names if dataset.size > 1}
             for field, dtype in fields.items():
                 if dtype.kind in "biuf" and dtype.shape == ():
-                    yield name if field is None else f"{name}.{field}", _Array(place, field, shape, dtype, matlab)
+                    yield name if field is None else f"{name}.{field}", _Array(dataset, field, dtype, matlab)
     left_out |= reasons(objects)
 
 
-@contextmanager
-def _opened(path: Path, *, matlab: bool) -> Iterator[Any]:
-    why = f"{_MATLAB}, or install h5py" if matlab else "reading HDF5 needs h5py"
-    h5py = needed(path, "h5py", why, "'replant[hdf5]'")
-    kind, remedy = ("MATLAB v7.3 file", _MATLAB) if matlab else ("HDF5 file", "write it again, or copy it again")
-    with damage_as_log_error(path, kind, remedy), h5py.File(path, "r") as file:
-        yield file
-
-
-def _datasets(path: Path, file: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the data sets with their paths; what begins with # is MATLAB's own."""
+def _datasets(path: Path, file: Any) -> list[tuple[str, Any]]:
+    """Return the data sets with their paths; what begins with # is MATLAB's own."""
     import h5py
 
     found: list[tuple[str, Any]] = []
@@ -122,7 +122,7 @@ def _datasets(path: Path, file: Any) -> Iterator[tuple[str, Any]]:
             found.append((name, item))
 
     file.visititems(visit)
-    yield from found
+    return found
 
 
 def _reason_not_to_read(path: Path, name: str, dataset: Any) -> str:
@@ -142,46 +142,19 @@ def _reason_not_to_read(path: Path, name: str, dataset: Any) -> str:
     return ""
 
 
-def _blocks(path: Path, signals: Sequence[Signal], *, matlab: bool) -> Iterator[Arrays]:
-    with _opened(path, matlab=matlab) as file:
-        rows = {signal.rows for signal in signals}
-        step = max((_block_rows(file[signal.array.dataset], signal) for signal in signals), default=1)
-        if len(rows) != 1:  # which the caller says; none can be cut into blocks
-            allow(held=8 * sum(signal.rows for signal in signals))
-            step = max(rows, default=0)
-        for begin in range(0, max(rows, default=0), max(1, step)):
-            yield [_values(file, signal, slice(begin, begin + step)) for signal in signals]
-
-
-def _block_rows(dataset: Any, signal: Signal) -> int:
+def _block_rows(signal: Signal) -> int:
     """Return the rows to read at a time: whole chunks, which are unpacked as a whole."""
+    dataset, index = signal.array.dataset, signal.index[::-1] if signal.array.is_reversed else signal.index
     if dataset.chunks is None:
         return BLOCK_ROWS
-    rows = next(length for length, one in zip(dataset.chunks, _index(signal), strict=True) if isinstance(one, slice))
+    rows = next(length for length, one in zip(dataset.chunks, index, strict=True) if isinstance(one, slice))
     chunk, whole = math.prod(dataset.chunks), math.prod(dataset.shape)
     allow(held=8 * (min(chunk, whole) + min(rows, signal.rows)))
     return int(rows * max(1, BLOCK_ROWS // rows))
 
 
-def _values(file: Any, signal: Signal, rows: slice) -> FloatArray:
-    index = tuple(rows if isinstance(one, slice) else one for one in _index(signal))
-    values = file[signal.array.dataset][index]
-    if signal.array.field is not None:
-        values = values[signal.array.field]
-    return np.array(values, np.float64).reshape(-1)
-
-
-def _index(signal: Signal) -> tuple[int | slice, ...]:
-    return signal.index[::-1] if signal.array.is_reversed else signal.index
-
-
-def _number(file: Any, array: _Array) -> float:
-    return float(np.asarray(file[array.dataset][()]).reshape(-1)[0])
-
-
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _HEADER_BYTES = 512 + len(_HDF5_MAGIC)  # text with the version, and in a v7.3 file the magic number [bytes]
-_SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
 _COMPRESSED = 15  # kind of an element of a file that holds another one, compressed [code]
 _FIRST_ELEMENT = 128  # place of the first element [bytes]
 _PART = 1 << 18  # part of a compressed element that is unpacked at a time, to see how long it is [bytes]
@@ -193,15 +166,12 @@ def read_matlab(path: Path) -> Table:
     with path.open("rb") as file:
         head = file.read(_HEADER_BYTES)
     if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")) or head.endswith(_HDF5_MAGIC):
-        return _table(path, matlab=True)
-    with damage_as_log_error(path, "MATLAB file", _SAVE_AGAIN):
+        h5py = needed(path, "h5py", f"{_MATLAB}, or install h5py", "'replant[hdf5]'")
+        return _table(path, h5py, partial(damage_as_log_error, path, "MATLAB v7.3 file", _MATLAB), matlab=True)
+    guard = partial(damage_as_log_error, path, "MATLAB file", _SAVE_AGAIN)
+    with guard():
         contents = _load(path, head)
-        blocks, left_out = _blocks_in_memory, reasons(_objects(contents))
-        return table_of_arrays(path, _arrays_in(contents), blocks, lambda array: float(array.reshape(-1)[0]), left_out)
-
-
-def _blocks_in_memory(signals: Sequence[Signal]) -> Iterator[Arrays]:
-    yield [np.array(signal.array[signal.index], np.float64).reshape(-1) for signal in signals]
+        return table_of_arrays(path, _arrays_in(contents), reasons(_objects(contents)), guard)
 
 
 def _load(path: Path, head: bytes) -> dict[str, Any]:
@@ -259,30 +229,31 @@ def _unpacked_size(file: Any, length: int) -> int:
 def _arrays_in(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the numeric arrays among variables with their names, those in a struct as ``logs.time``."""
     for deep in (False, True):  # structs within structs are looked into where nothing lies above them
-        found = [(name, value) for name, value in _in_variables(contents, deep=deep) if value.dtype.kind in "biuf"]
+        found = [each for place, held in contents.items() for each in _in_variable(place, held, deep=deep)]
+        found = [(name, value) for name, value in found if value.dtype.kind in "biuf"]
         if any(value.size > 1 for _, value in found):
-            yield from found
-            return
+            return iter(found)
+    return iter(())
 
 
-def _in_variables(contents: dict[str, Any], *, deep: bool) -> Iterator[tuple[str, NDArray[Any]]]:
-    for name, value in contents.items():
-        if name.startswith("__") or not isinstance(value, np.ndarray):
-            continue
-        if value.dtype.names is None:
-            yield name, value
-        elif value.size == 1 and not _is_opaque(value):  # a struct, or an object whose fields SciPy reads
-            yield from _in_struct(name, value, deep=deep)
+def _in_variable(name: str, value: Any, *, deep: bool) -> Iterator[tuple[str, NDArray[Any]]]:
+    if name.startswith("__") or not isinstance(value, np.ndarray):
+        return
+    if value.dtype.names is None:
+        yield name, value
+    elif value.size == 1 and not _is_opaque(value):  # a struct, or an object whose fields SciPy reads
+        yield from _in_struct(name, value, deep=deep)
 
 
 def _in_struct(name: str, value: NDArray[Any], *, deep: bool) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the arrays in a struct, or in each of an array of structs, and ``deep`` in the structs within it."""
-    for number, fields in enumerate(value.reshape(-1), 1):
-        unit, of_one = _unit_of_time(fields), name if value.size == 1 else f"{name}({number})"
+    for of_one, fields in _numbered(name, value, "()"):
+        unit = _unit_of_time(fields)
         for field in value.dtype.names or ():
             for place, held in _in_cells(f"{of_one}.{field}", fields[field]):
-                if field == "signals" and held.dtype.names is not None:
-                    yield from _simulink_signals(place, held)
+                if field == "signals" and held.dtype.names is not None:  # what Simulink logs as a structure with time
+                    named = _numbered(place, held, "()") if "values" in held.dtype.names else ()
+                    yield from ((f"{one}.values", signal["values"]) for one, signal in named)
                 elif deep and held.dtype.names is not None and not _is_opaque(held):
                     yield from _in_struct(place, held, deep=deep)
                 elif not is_sampling_time(place, held):
@@ -291,16 +262,17 @@ def _in_struct(name: str, value: NDArray[Any], *, deep: bool) -> Iterator[tuple[
                     yield place, held * unit
 
 
+def _numbered(name: str, values: NDArray[Any], marks: str) -> Iterator[tuple[str, Any]]:
+    """Yield the items of an array with their names: of several with their numbers in brackets."""
+    for number, value in enumerate(values.reshape(-1), 1):
+        yield name if values.size == 1 else f"{name}{marks[0]}{number}{marks[1]}", value
+
+
 def _in_cells(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the array of a field, or those in its cells: an iddata object has one for each experiment."""
-    if not isinstance(value, np.ndarray):
-        return
-    if value.dtype != object:
-        yield name, value
-        return
-    for number, cell in enumerate(value.reshape(-1), 1):
-        if isinstance(cell, np.ndarray):
-            yield name if value.size == 1 else f"{name}{{{number}}}", cell
+    if isinstance(value, np.ndarray):
+        cells = _numbered(name, value, "{}") if value.dtype == object else [(name, value)]
+        yield from ((place, cell) for place, cell in cells if isinstance(cell, np.ndarray))
 
 
 def _unit_of_time(fields: Any) -> float | None:
@@ -312,14 +284,6 @@ def _unit_of_time(fields: Any) -> float | None:
     return None if unit.refused else unit.seconds
 
 
-def _simulink_signals(name: str, signals: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield the values of what Simulink logs as a structure with time."""
-    if "values" in (signals.dtype.names or ()):
-        for number, signal in enumerate(signals.reshape(-1), 1):
-            place = name if signals.size == 1 else f"{name}({number})"
-            yield f"{place}.values", signal["values"]
-
-
 def _is_opaque(value: Any) -> bool:
     """Whether it is an object of a class of MATLAB's, of which SciPy knows the name alone."""
     return value.dtype.names is not None and {"s0", "s1", "s2", "arr"} <= set(value.dtype.names)
@@ -327,10 +291,9 @@ def _is_opaque(value: Any) -> bool:
 
 def _objects(contents: dict[str, Any]) -> dict[str, str]:
     """Return the names of the objects that cannot be read, with their classes."""
-    found = {}
-    for value in contents.values():
-        if hasattr(value, "dtype") and _is_opaque(value):
-            for one in value.reshape(-1):
-                name, kind = (bytes(part).decode(errors="replace") for part in (one["s0"], one["s2"]))
-                found[name] = kind
-    return found
+    opaque = [value for value in contents.values() if hasattr(value, "dtype") and _is_opaque(value)]
+    return {
+        bytes(one["s0"]).decode(errors="replace"): bytes(one["s2"]).decode(errors="replace")
+        for value in opaque
+        for one in value.reshape(-1)
+    }

@@ -1,25 +1,27 @@
-"""Arrays as the columns of a table; and NumPy archives (.npz), read block by block."""
+"""Arrays as the columns of a table, read block by block; and NumPy archives (.npz), unpacked for that."""
 
 from __future__ import annotations
 
 import math
 import warnings
-import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy
 
 from replant.errors import LogError
-from replant.logs.table import Arrays, Table, at_most, damage_as_log_error, open_zip
+from replant.logs.parser_process import allow
+from replant.logs.table import Arrays, Table, UnpackedFile, at_most, chunks_of, damage_as_log_error, open_zip
 from replant.numerics.arguments import FloatArray
 
 SAMPLING_TIME = "Ts"  # name of a scalar, perhaps in a struct, that is the sampling time in s
+BLOCK_ROWS = 1 << 16  # rows read at a time [rows]
+_SUFFIX = ".npy"
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,11 @@ class Signal:
     array: Any
     index: tuple[int | slice, ...]
     rows: int
+
+    def values(self, rows: slice) -> FloatArray:
+        """Read some rows."""
+        index = tuple(rows if isinstance(one, slice) else one for one in self.index)
+        return np.array(self.array[index], np.float64).reshape(-1)
 
 
 def signals_in(name: str, array: Any) -> Iterator[Signal]:
@@ -56,13 +63,13 @@ def is_sampling_time(name: str, array: Any) -> bool:
 def table_of_arrays(
     path: Path,
     found: Iterable[tuple[str, Any]],
-    blocks: Callable[[Sequence[Signal]], Iterator[Arrays]],
-    number: Callable[[Any], float],
     left_out: Mapping[str, str],
+    guard: Callable[[], AbstractContextManager[None]],
+    block_rows: Callable[[Signal], int] = lambda signal: BLOCK_ROWS,
 ) -> Table:
     """Make a table from named arrays of numbers, which have a shape and a dtype; one number called Ts is dt.
 
-    ``blocks`` reads signals, and ``number`` an array of one number; ``left_out`` says why something is no signal.
+    They are read within ``guard``, some rows at a time; ``left_out`` says why something is no signal.
     """
     scalars: list[tuple[str, float]] = []
 
@@ -70,18 +77,32 @@ def table_of_arrays(
         for name, array in found:
             yield from signals_in(name, array)
             if is_sampling_time(name, array):
-                scalars.append((name, number(array)))
+                (value,) = Signal(name, array, (0,) * len(array.shape), 1).values(slice(1))
+                scalars.append((name, float(value)))
 
-    signals = list(at_most(path, each(), "columns"))
+    with guard():
+        signals = list(at_most(path, each(), "columns"))
     if not signals:
         reason = next(iter(left_out.values()), "") or (
             "no numeric array of two samples or more in the file; save the signals as vectors"
         )
         raise LogError(f"{path}: {reason}")
+
+    def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
+        chosen = [signals[number] for number in numbers]
+        lengths = {signal.rows for signal in chosen}
+        with guard():
+            step = max(map(block_rows, chosen), default=1)
+            if len(lengths) > 1:  # which the caller says; none can be cut into blocks
+                allow(held=8 * sum(signal.rows for signal in chosen))
+                step = max(lengths)
+            for begin in range(0, max(lengths, default=0), step):
+                yield [signal.values(slice(begin, begin + step)) for signal in chosen]
+
     return Table(
         path,
         tuple(signal.name for signal in signals),
-        lambda columns: blocks([signals[number] for number in columns]),
+        blocks,
         approximate_rows=max(signal.rows for signal in signals),
         dt=_stated_dt(path, scalars),
         left_out=left_out,
@@ -98,94 +119,52 @@ def _stated_dt(path: Path, scalars: Sequence[tuple[str, float]]) -> float | None
     return value
 
 
-BLOCK_BYTES = 1 << 19  # part of an array that is read at a time [bytes]
-_SUFFIX = ".npy"
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Array:
-    """An array of an archive: where it lies, and what its header says."""
+    """An array of an archive, which is unpacked when it is read."""
 
+    path: Path
     member: str
+    offset: int  # of its first item, behind the header
     shape: tuple[int, ...]
     is_fortran: bool
     dtype: np.dtype[Any]
 
+    def __getitem__(self, index: Any) -> Any:
+        mapped: Any = np.memmap(
+            self._file.path, self.dtype, "r", self.offset, self.shape, "F" if self.is_fortran else "C"
+        )
+        return mapped[index]
+
+    @cached_property
+    def _file(self) -> UnpackedFile:
+        with open_zip(self.path) as archive, archive.open(self.member) as content:
+            file = UnpackedFile(self.path, "array.npy", chunks_of(content))
+        lost = self.offset + math.prod(self.shape) * self.dtype.itemsize - file.path.stat().st_size
+        if lost > 0:
+            raise ValueError(f"it ends {lost:,} bytes before its array")
+        return file
+
 
 def read(path: Path) -> Table:
     """Open a NumPy archive."""
-    with _opened(path) as file:
-        return table_of_arrays(path, _arrays(file), partial(_blocks, path), partial(_number, file), {})
+    return table_of_arrays(
+        path, _arrays(path), {}, partial(damage_as_log_error, path, ".npz archive", "save it with numpy.savez")
+    )
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    with damage_as_log_error(path, ".npz archive", "save it with numpy.savez"), open_zip(path) as file:
-        yield file
-
-
-def _arrays(file: zipfile.ZipFile) -> Iterator[tuple[str, _Array]]:
+def _arrays(path: Path) -> Iterator[tuple[str, _Array]]:
     """Yield the arrays of numbers; Python objects are no signals, and unsafe to load."""
-    for member in {each.filename: each for each in file.infolist()}.values():
-        if not member.filename.endswith(_SUFFIX):
-            continue
-        with file.open(member) as content:
-            shape, is_fortran, dtype = _header(content)
-        if dtype.kind in "biuf" and dtype.itemsize <= 8:
-            claimed = math.prod(shape) * dtype.itemsize
-            if claimed > member.file_size:
-                raise ValueError(f"{member.filename} claims {claimed:,} bytes and holds {member.file_size:,}")
-            yield member.filename.removesuffix(_SUFFIX), _Array(member.filename, shape, is_fortran, dtype)
-
-
-def _header(content: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    with warnings.catch_warnings(action="ignore"):  # of types that Python 2 wrote
-        version = npy.read_magic(content)
-        read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        return read(content)
-
-
-def _number(file: zipfile.ZipFile, array: _Array) -> float:
-    (values,) = _parts(file, Signal("", array, (), 1), 1)
-    return float(values[0])
-
-
-def _blocks(path: Path, signals: Sequence[Signal]) -> Iterator[Arrays]:
-    widest = max((_place(signal)[1] * signal.array.dtype.itemsize for signal in signals), default=1)
-    with _opened(path) as file:
-        parts = [_parts(file, signal, max(1, BLOCK_BYTES // widest)) for signal in signals]
-        if len({signal.rows for signal in signals}) == 1:
-            yield from map(list, zip(*parts, strict=True))
-        else:  # which the caller says; none can be cut into blocks
-            yield [np.concatenate(list(each)) for each in parts]
-
-
-def _place(signal: Signal) -> tuple[int, int]:
-    """Return where the first item of a column lies in the array as its file has it, and how far apart its items are."""
-    shape, first, step, size = signal.array.shape, 0, 1, 1
-    axes = list(enumerate(signal.index))
-    for axis, at in axes if signal.array.is_fortran else reversed(axes):
-        if isinstance(at, slice):
-            step = size
-        else:
-            first += at * size
-        size *= shape[axis]
-    return first, step
-
-
-def _parts(file: zipfile.ZipFile, signal: Signal, rows: int) -> Iterator[FloatArray]:
-    """Yield the values of a column, some rows at a time."""
-    (first, step), width = _place(signal), signal.array.dtype.itemsize
-    with file.open(signal.array.member) as content:
-        _header(content)
-        content.seek(first * width, 1)
-        for begin in range(0, signal.rows, rows):
-            count = min(rows, signal.rows - begin)
-            length = ((count - 1) * step + 1) * width
-            read = content.read(length)
-            if len(read) != length:
-                raise ValueError(f"it ends {length - len(read):,} bytes before its array")
-            items = np.frombuffer(read, signal.array.dtype)
-            if begin + count < signal.rows:
-                content.seek((step - 1) * width, 1)
-            yield np.array(items[::step], np.float64)
+    with open_zip(path) as archive:
+        for member in {each.filename: each for each in archive.infolist()}.values():
+            if not member.filename.endswith(_SUFFIX):
+                continue
+            with archive.open(member) as content, warnings.catch_warnings(action="ignore"):  # types of Python 2
+                is_first = npy.read_magic(content) == (1, 0)
+                about = (npy.read_array_header_1_0 if is_first else npy.read_array_header_2_0)(content)
+                array = _Array(path, member.filename, content.tell(), *about)
+            if array.dtype.kind in "biuf" and array.dtype.itemsize <= 8:
+                claimed = math.prod(array.shape) * array.dtype.itemsize
+                if claimed > member.file_size:
+                    raise ValueError(f"{member.filename} claims {claimed:,} bytes and holds {member.file_size:,}")
+                yield member.filename.removesuffix(_SUFFIX), array

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import io
 import mmap
 import operator
 import os
 import re
+import shutil
 import sys
 import tempfile
+import weakref
 import zipfile
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -91,6 +94,41 @@ def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
         yield archive
 
 
+MOST_OF_DISK = 0.8  # part of the disk's free space that an unpacked file may take [part]
+_PART_BYTES = 1 << 20  # bytes unpacked at a time [bytes]
+
+
+def chunks_of(file: Any) -> Iterator[bytes]:
+    """Yield the content of an open file part by part."""
+    return iter(lambda: file.read(_PART_BYTES), b"")
+
+
+class UnpackedFile:
+    """A file in a temporary folder, which is removed with this object; ``check`` sees it as it grows."""
+
+    def __init__(
+        self,
+        path: Path,
+        name: str,
+        parts: Iterable[bytes],
+        check: Callable[[Path, int], None] = lambda path, size: None,
+    ) -> None:
+        folder = tempfile.mkdtemp(prefix="replant-")
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.path = Path(folder, name)
+        room, size = MOST_OF_DISK * shutil.disk_usage(folder).free, 0
+        with self.path.open("wb") as file:
+            for part in parts:
+                size += file.write(part)
+                if size > room:
+                    raise LogError(
+                        f"{path}: unpacked it is over {size / 1e9:.1f} GB, more than {tempfile.gettempdir()} has room "
+                        "for; unpack it where there is room"
+                    )
+                file.flush()
+                check(self.path, size)
+
+
 NAMES_SHOWN = 12  # names that the error of a wrong name lists, closest first [count]
 LIST_SHOWN = 160  # characters of all of them: one line stays readable [characters]
 LONGEST_NUMBER = 20  # digits of a column's number from which on it is that of no column [characters]
@@ -128,6 +166,11 @@ class Table:
                 f"it to {LONGEST_NAME:,} or fewer"
             )
 
+    def error(self, number: int, problem: str, row: int | None = None) -> LogError:
+        """Return the error for a column, or for one of its rows."""
+        place = "" if row is None else f"{self.describe_row(row)}, "
+        return LogError(f"{self.path}: {place}column {shown(self.names[number])}{problem}")
+
     def column(self, key: str | int) -> FloatArray:
         """Return one column as float64, by name or 0-based number."""
         return self.columns([key])[0]
@@ -140,7 +183,7 @@ class Table:
         self, keys: Sequence[str | int], most_held: int, progress: Callable[[int, int], None] = lambda rows, about: None
     ) -> Arrays:
         """Return columns in one pass: in memory up to a number of rows, else mapped from files that end with them."""
-        columns = [_Growing() for _ in keys]
+        columns = [_Growing(self.path) for _ in keys]
         rows = 0
         try:
             for block in self.stream(keys):
@@ -149,7 +192,7 @@ class Table:
                     rows = max(rows, column.rows)
                 if rows > most_held:
                     for column in columns:
-                        column.to_file(self.path)
+                        column.to_disk()
                 progress(rows, max(self.approximate_rows, rows))
             return [column.array() for column in columns]
         finally:
@@ -207,12 +250,11 @@ class Table:
 
     def _number(self, key: SupportsIndex) -> int:
         try:
-            number = operator.index(key)
+            number = None if isinstance(key, bool) else operator.index(key)
         except TypeError:
-            kind = type(key).__name__
-            raise ArgumentTypeError(f"a column is chosen by name (str) or number (int), not {kind}") from None
-        if isinstance(key, bool):
-            raise ArgumentTypeError("a column is chosen by name (str) or number (int), not bool")
+            number = None
+        if number is None:
+            raise ArgumentTypeError(f"a column is chosen by name (str) or number (int), not {type(key).__name__}")
         if not 0 <= number < len(self.names):
             last = len(self.names) - 1
             raise LogError(f"{self.path}: no column {shown(number)}; columns 0 to {last} are: {listed(self.names)}")
@@ -222,55 +264,44 @@ class Table:
 class _Growing:
     """A column that grows: in memory, or in a file without a name."""
 
-    def __init__(self) -> None:
-        self.rows, self._held = 0, np.empty(0)
-        self._file: Any = None
+    def __init__(self, path: Path) -> None:
+        self.rows, self._path = 0, path
+        self._file: Any = io.BytesIO()
 
     def add(self, values: FloatArray) -> None:
         """Append the values of the next rows."""
         self.rows += values.size
-        if self._file is not None:
-            self._write(values)
-            return
-        if self.rows > self._held.size:
-            self._held.resize(max(self.rows, 9 * self._held.size // 8), refcheck=False)
-        self._held[self.rows - values.size : self.rows] = values
+        self._write(np.ascontiguousarray(values, np.float64).data)
 
-    def to_file(self, path: Path) -> None:
+    def to_disk(self) -> None:
         """Keep the column in a file from now on."""
-        if self._file is None:
-            self._path, self._folder = path, spool_folder()
-            self._write(self._held[: self.rows])
-            self._held = np.empty(0)
+        if isinstance(self._file, io.BytesIO):
+            held, self._file = self._file, None
+            self._write(held.getbuffer())
 
-    def _write(self, values: FloatArray) -> None:
+    def _write(self, content: memoryview) -> None:
+        # unlike /tmp, /var/tmp is on a disk everywhere
+        folder = os.environ.get("TMPDIR") or ("/var/tmp" if os.access("/var/tmp", os.W_OK) else tempfile.gettempdir())
         try:
-            self._file = self._file or tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 - see `close`
-            self._file.write(np.ascontiguousarray(values).data)
+            self._file = self._file or tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - see `close`
+            self._file.write(content)
             self._file.flush()
         except OSError as error:
             raise LogError(
-                f"{self._path}: a long log is kept in {self._folder} while it is used, which is not possible "
+                f"{self._path}: a long log is kept in {folder} while it is used, which is not possible "
                 f"({reason_of(error)}); free some room, or set TMPDIR to a folder that has it"
             ) from error
 
     def array(self) -> FloatArray:
         """Return the values."""
-        if self._file is None or not self.rows:
-            self._held.resize(self.rows, refcheck=False)
-            return self._held
-        return np.frombuffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ))
+        if isinstance(self._file, io.BytesIO):
+            return np.frombuffer(self._file.getbuffer())
+        return np.frombuffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)) if self.rows else np.empty(0)
 
     def close(self) -> None:
         """Close the file: what is mapped of it stays."""
-        if self._file is not None:
+        if self._file is not None and not isinstance(self._file, io.BytesIO):
             self._file.close()
-
-
-def spool_folder() -> str:
-    """Return where columns of long logs are kept: TMPDIR, else /var/tmp, which unlike /tmp is on a disk everywhere."""
-    given = os.environ.get("TMPDIR")
-    return given or ("/var/tmp" if os.access("/var/tmp", os.W_OK) else tempfile.gettempdir())
 
 
 def repeated_rows(t: FloatArray, columns: Sequence[FloatArray]) -> IntArray:
