@@ -42,7 +42,7 @@ from replant.logs.text_layout import (
     split_or_none,
     too_long_error,
 )
-from replant.logs.text_times import READ, followed_clocks
+from replant.logs.text_times import READ, with_stamps
 from replant.numerics.arguments import FloatArray
 
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
@@ -53,7 +53,7 @@ _DATE_REMEDY = f"convert dates and clock times to seconds, or give the sampling 
 _WORDS = {".": "decimal point", ",": "comma"}
 
 
-def parse_column(path: Path, layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: int) -> FloatArray:
+def _column(layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: int) -> FloatArray:
     """Turn the cells of one column into float64: numbers, or seconds since the first stamp of the log."""
     cells = [row[column] for _, row in rows]
     form = layout.stamps.get(column)
@@ -71,35 +71,35 @@ def parse_column(path: Path, layout: Layout, rows: Sequence[tuple[int, Sequence[
         if isinstance(error, TwoMarksError):  # 1.234 beside 0,5: the point may be a thousands separator
             assert mark is not None
             raise LogError(
-                f"{path}: column {shown(name)} has a {_WORDS[mark.other]} in line {line} ({quote(str(error))}) and the "
-                f"log a {_WORDS[mark.mark]} in line {mark.line} ({quote(mark.cell)}); write all numbers one way, "
-                "without thousands separators"
+                f"{layout.path}: column {shown(name)} has a {_WORDS[mark.other]} in line {line} ({quote(str(error))}) "
+                f"and the log a {_WORDS[mark.mark]} in line {mark.line} ({quote(mark.cell)}); write all numbers one "
+                "way, without thousands separators"
             ) from None
         remedy = _DATE_REMEDY if _DATE.match(cells[error.at]) else _CELL_REMEDY
         end = f"; {remedy}" if isinstance(error, NumberError) else ""
-        raise LogError(f"{path}: line {line}, column {shown(name)}: {error}{end}") from None
+        raise LogError(f"{layout.path}: line {line}, column {shown(name)}: {error}{end}") from None
 
 
 _TAIL_BYTES = 1 << 16  # end of a file in which its last line is looked for [bytes]
 
 
-def cut_line(path: Path, layout: Layout) -> str:
+def _cut_line(layout: Layout) -> str:
     """Return the last line if its writer was stopped in the middle of it, else an empty string."""
-    before, line = last_lines(path, layout.encoding)
+    before, line = last_lines(layout.path, layout.encoding)
     if not is_data(line):
         return ""
-    last, width = split_or_none(line, layout.delimiter), len(layout.names)
-    if last is None or len(last) < width:
+    previous, last = (split_or_none(each, layout.delimiter) or [] for each in (before, line))
+    if len(last) < len(layout.names):
         return line
-    previous = split_or_none(before, layout.delimiter)
-    was_readable = previous is not None and len(previous) >= width and _is_readable(path, layout, previous)
-    return line if was_readable and not _is_readable(path, layout, last) else ""
+    return line if _is_readable(layout, previous) and not _is_readable(layout, last) else ""
 
 
-def _is_readable(path: Path, layout: Layout, cells: list[str]) -> bool:
-    """Return whether the last cell of a row is a number, a time stamp or missing, as its column is."""
+def _is_readable(layout: Layout, cells: list[str]) -> bool:
+    """Return whether a row is whole, and its last cell is a number, a time stamp or missing, as its column is."""
+    if len(cells) < len(layout.names):
+        return False
     try:
-        parse_column(path, layout, [(0, cells)], len(layout.names) - 1)
+        _column(layout, [(0, cells)], len(layout.names) - 1)
     except LogError:
         return False
     return True
@@ -129,64 +129,53 @@ _ODD = ('"', *COMMENT_MARKS)  # a block with one of them is not for NumPy
 def read(path: Path) -> Table:
     """Open a text log; its first lines determine delimiter, decimal comma and header."""
     layout, notes = sniff(path), []
+    there, left_out = listed(layout.names), dict[str, str]()
     if layout.title:
         first, last = layout.title[0], layout.title[-1]
         lines = f"line {first} is" if first == last else f"lines {first} to {last} are"
         what = "names" if layout.names_line else "data"
-        called = "" if layout.names_line else f"; the columns are called {listed(layout.names)}"
+        called = "" if layout.names_line else f"; the columns are called {there}"
         notes.append(f"{path}: {lines} above the {what}, and left out{called}")
-    left_out: dict[str, str] = {}
     if layout.unused:
         counts = f"{len(layout.unused)} names for {len(layout.names)} columns"
         why = f"line {layout.unused_line} has {counts}, and is left out"
-        there = listed(layout.names)
         notes.append(f"{path}: {why}; the columns are called {there}")
         left_out = {name: f"no column {shown(name)}: {why}; there are: {there}" for name in layout.unused}
-    cut = cut_line(path, layout)
-    if cut:
+    if cut := _cut_line(layout):
         layout = replace(layout, is_cut=True)
         notes.append(f"{path}: the last line is cut off ({quote(cut)}) and left out")
-    mark = layout.mark
-    if layout.delimiter != "," and (mark is None or not mark.certain):
-        mark = later_mark(mark, _rows_with_commas(path, layout), layout.stamps)
-        layout = replace(layout, mark=mark)
-    return Table(
+    if layout.delimiter != "," and (layout.mark is None or not layout.mark.certain):
+        layout = replace(layout, mark=later_mark(layout.mark, _rows_with_commas(layout), layout.stamps))
+    table = Table(
         path,
         layout.names,
-        partial(_blocks, path, layout),
-        partial(_line_of_row, path, layout),
-        in_seconds=frozenset(layout.stamps),
-        origins={n: form.origin for n, form in layout.stamps.items() if form.origin is not None},
+        partial(_blocks, layout),
+        partial(_line_of_row, layout),
         approximate_rows=_approximate_rows(path),
         notes=tuple(notes),
         left_out=left_out,
     )
+    return with_stamps(table, layout.stamps)
 
 
-def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[Arrays]:
-    blocks = (_parse(path, layout, text, first, columns) for first, text in _texts(path, layout))
-    describe_row = partial(_line_of_row, path, layout)
-    return followed_clocks(path, layout.names, layout.stamps, columns, describe_row, blocks)
+def _blocks(layout: Layout, columns: Sequence[int]) -> Iterator[Arrays]:
+    """Yield the columns of whole lines; blank lines and comments are skipped."""
+    for first, text in _texts(layout):
+        decoded = _decoded(layout, text)
+        if first < layout.data_line:
+            above, first = layout.data_line - first, layout.data_line
+            decoded = "\n".join(decoded.split("\n")[above:])
+        yield _parse_in_c(layout, decoded, columns) or _parse(layout, decoded, first, columns)
 
 
-def _parse(path: Path, layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> Arrays:
-    """Turn lines, the first of them number ``first``, into an array for each column; skip blank lines and comments."""
-    decoded = _decoded(layout, text)
-    if first < layout.data_line:
-        above, first = layout.data_line - first, layout.data_line
-        decoded = "\n".join(decoded.split("\n")[above:])
-    values = _parse_in_c(layout, decoded, columns)
-    if values is not None:
-        return values
-    rows = [
-        (number, _split(path, layout, number, line))
-        for number, line in enumerate(decoded.split("\n"), first)
-        if is_data(line)
-    ]
+def _parse(layout: Layout, text: str, first: int, columns: Sequence[int]) -> Arrays:
+    """Parse a block, whose first line is number ``first``, in Python."""
+    lines = enumerate(text.split("\n"), first)
+    rows = [(number, _split(layout, number, line)) for number, line in lines if is_data(line)]
     for number, row in rows:
         if len(row) != len(layout.names):
-            _check_width(path, layout, number, row)
-    return [parse_column(path, layout, rows, column) for column in columns]
+            _check_width(layout, number, row)
+    return [_column(layout, rows, column) for column in columns]
 
 
 def _decoded(layout: Layout, text: bytes) -> str:
@@ -195,18 +184,18 @@ def _decoded(layout: Layout, text: bytes) -> str:
     return decoded.replace("\r\n", "\n").replace("\r", "\n") if "\r" in decoded else decoded
 
 
-def _rows_with_commas(path: Path, layout: Layout) -> Iterator[tuple[int, list[str]]]:
+def _rows_with_commas(layout: Layout) -> Iterator[tuple[int, list[str]]]:
     """Yield the rows of the blocks that have a comma: in the others every number is read in one way."""
-    for first, text in _texts(path, layout):
+    for first, text in _texts(layout):
         if b"," in text:
             for number, line in enumerate(_decoded(layout, text).split("\n"), first):
                 if number >= layout.data_line and is_data(line) and '"' not in line:
                     yield number, line.split(layout.delimiter)
 
 
-def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
+def _texts(layout: Layout) -> Iterator[tuple[int, bytes]]:
     """Yield whole lines as bytes, each ended by a line feed, a return or both, with the number of the first of them."""
-    with path.open("rb") as opened:
+    with layout.path.open("rb") as opened:
         file: Any = codecs.EncodedFile(opened, "utf-8", "utf-16", "replace") if layout.encoding == _WIDE else opened
         first, rest = 1, file.read(len(_BYTE_ORDER_MARK)).removeprefix(_BYTE_ORDER_MARK)
         while block := file.read(BLOCK_BYTES):
@@ -215,7 +204,7 @@ def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
             if end == 0:
                 rest += block
                 if len(rest) > LONGEST_LINE:
-                    raise too_long_error(path, first)
+                    raise too_long_error(layout.path, first)
                 continue
             text, rest = rest + block[:end], block[end:]
             if not text.isspace():
@@ -236,9 +225,9 @@ def _approximate_rows(path: Path) -> int:
     return path.stat().st_size * max(1, head.count(b"\n")) // max(1, len(head))
 
 
-def _line_of_row(path: Path, layout: Layout, row: int) -> str:
+def _line_of_row(layout: Layout, row: int) -> str:
     """Return the number of the line that holds a row; reads the file again, which only an error message needs."""
-    numbers = (n for n, line in lines_of(path, layout.encoding) if n >= layout.data_line and is_data(line))
+    numbers = (n for n, line in lines_of(layout.path, layout.encoding) if n >= layout.data_line and is_data(line))
     return f"line {next(islice(numbers, row, None))}"
 
 
@@ -290,17 +279,17 @@ def _missing(delimiter: str) -> re.Pattern[str]:
     return re.compile(rf"(?<={mark}){word}(?={mark}|$)|^{word}(?={mark})", re.IGNORECASE | re.MULTILINE)
 
 
-def _split(path: Path, layout: Layout, number: int, line: str) -> list[str]:
+def _split(layout: Layout, number: int, line: str) -> list[str]:
     if '"' not in line:
         return line.split(layout.delimiter, len(layout.names) + 1)
     try:
         return split_line(line, layout.delimiter)
     except CellError as error:
         name = layout.names[error.at] if error.at < len(layout.names) else str(error.at)
-        raise LogError(f"{path}: line {number}, column {shown(name)}: {error}; {QUOTES_REMEDY}") from None
+        raise LogError(f"{layout.path}: line {number}, column {shown(name)}: {error}; {QUOTES_REMEDY}") from None
 
 
-def _check_width(path: Path, layout: Layout, number: int, row: list[str]) -> None:
+def _check_width(layout: Layout, number: int, row: list[str]) -> None:
     """Drop the empty cell after a delimiter at the end of the line; refuse any other difference."""
     width = len(layout.names)
     if len(row) == width + 1 and not row[-1].strip():
@@ -311,4 +300,4 @@ def _check_width(path: Path, layout: Layout, number: int, row: list[str]) -> Non
     remedy = "complete the line, or put # before it"
     if len(row) > width:
         remedy = "correct the line, or put # before each line above it that is no data"
-    raise LogError(f"{path}: line {number} has {cells} where {model} has {width}; {remedy}")
+    raise LogError(f"{layout.path}: line {number} has {cells} where {model} has {width}; {remedy}")

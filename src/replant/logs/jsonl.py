@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -18,7 +18,7 @@ from replant.logs.csv import last_lines
 from replant.logs.table import MOST_COLUMNS, Arrays, Table, too_many_error
 from replant.logs.text_cells import CellError, as_float, quote
 from replant.logs.text_layout import MOST_LINES_ABOVE, lines_of
-from replant.logs.text_times import StampFormat, find_format, followed_clocks
+from replant.logs.text_times import StampFormat, find_format, with_stamps
 from replant.numerics.arguments import FloatArray
 
 BLOCK_ROWS = 1 << 14  # rows read at a time [rows]
@@ -32,50 +32,40 @@ _Keys = tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class _Columns:
+class _Layout:
     """What a file holds: the keys of each column, from the outermost, and which columns are dates or clock times."""
 
+    path: Path
     keys: tuple[_Keys, ...]
-    stamps: Mapping[int, StampFormat] = field(default_factory=dict)
-    is_cut: bool = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(".".join(keys) for keys in self.keys)
+    names: tuple[str, ...]
+    stamps: Mapping[int, StampFormat]
+    is_cut: bool
 
 
 def read(path: Path) -> Table:
     """Open JSON lines; columns: keys of the first 1000 objects; cells: numbers, true, false, null (missing), times."""
     cut = _cut_line(path)
     given: dict[_Keys, list[Any]] = {}  # of each column the values among the first rows
-    for _, row in _head(path, is_cut=bool(cut)):
+    found = 0
+    for _, row in islice(_rows(path, is_cut=bool(cut)), _SAMPLE_ROWS):
         for keys, value in _items_of(row):
+            found += 1
             given.setdefault(keys, []).append(value)
             if len(given) > MOST_COLUMNS:
                 raise too_many_error(path, "columns")
+        if found > BLOCK_VALUES:  # fewer rows where they are wide
+            break
     if not given:
         raise LogError(f"{path}: no object with a key; a log has one object for each sample, each on its own line")
     stamps = {}
     for number, values in enumerate(given.values()):
         known = [value for value in values if value is not None]
-        if known and all(isinstance(value, str) for value in known):
-            form = find_format(known)
-            if form is not None:
-                stamps[number] = form
-    columns = _Columns(tuple(given), stamps, bool(cut))
-    blocks, describe_row = partial(_blocks, path, columns), partial(_line_of_row, path, bool(cut))
+        if all(isinstance(value, str) for value in known) and (form := find_format(known)) is not None:
+            stamps[number] = form
+    layout = _Layout(path, tuple(given), tuple(map(".".join, given)), stamps, bool(cut))
     notes = (f"{path}: the last line is cut off ({quote(cut)}) and left out",) if cut else ()
-    return Table(path, columns.names, blocks, describe_row, in_seconds=frozenset(stamps), notes=notes)
-
-
-def _head(path: Path, *, is_cut: bool) -> Iterator[_Row]:
-    """Yield the first rows: fewer where they are wide."""
-    found = 0
-    for row in islice(_rows(path, is_cut=is_cut), _SAMPLE_ROWS):
-        yield row
-        found += sum(1 for _ in _items_of(row[1]))
-        if found > BLOCK_VALUES:
-            return
+    table = Table(path, layout.names, partial(_blocks, layout), partial(_line_of_row, layout), notes=notes)
+    return with_stamps(table, stamps)
 
 
 def _cut_line(path: Path) -> str:
@@ -121,39 +111,33 @@ def _value(row: Mapping[str, Any], keys: Sequence[str]) -> Any:
     return found
 
 
-def _blocks(path: Path, columns: _Columns, numbers: Sequence[int]) -> Iterator[Arrays]:
-    rows = _rows(path, is_cut=columns.is_cut)
-    most = max(1, min(BLOCK_ROWS, BLOCK_VALUES // len(columns.keys)))
-    blocks = iter(lambda: list(islice(rows, most)), [])
-    arrays = ([_column(path, columns, number, block) for number in numbers] for block in blocks)
-    describe_row = partial(_line_of_row, path, columns.is_cut)
-    return followed_clocks(path, columns.names, columns.stamps, numbers, describe_row, arrays)
+def _blocks(layout: _Layout, numbers: Sequence[int]) -> Iterator[Arrays]:
+    rows = _rows(layout.path, is_cut=layout.is_cut)
+    most = max(1, min(BLOCK_ROWS, BLOCK_VALUES // len(layout.keys)))
+    for block in iter(lambda: list(islice(rows, most)), []):
+        yield [_column(layout, number, block) for number in numbers]
 
 
-def _column(path: Path, columns: _Columns, number: int, block: Sequence[_Row]) -> FloatArray:
-    keys, form = columns.keys[number], columns.stamps.get(number)
-    values = [_value(row, keys) for _, row in block]
-    if form is None:
-        return np.array(
-            [_number(path, line, columns.names[number], value) for (line, _), value in zip(block, values, strict=True)]
-        )
+def _column(layout: _Layout, number: int, block: Sequence[_Row]) -> FloatArray:
+    values = [_value(row, layout.keys[number]) for _, row in block]
+    form = layout.stamps.get(number)
     try:
+        if form is None:
+            return np.array([_number(at, value) for at, value in enumerate(values)])
         return form.seconds(["" if value is None else str(value) for value in values])
     except CellError as error:
-        line = block[error.at][0]
-        raise LogError(f"{path}: line {line}, column {shown(columns.names[number])}: {error}") from None
+        line, name = block[error.at][0], layout.names[number]
+        raise LogError(f"{layout.path}: line {line}, column {shown(name)}: {error}") from None
 
 
-def _number(path: Path, line: int, name: str, value: Any) -> float:
+def _number(at: int, value: Any) -> float:
     if value is None:
         return math.nan
     if isinstance(value, int | float):
         return as_float(value)
-    raise LogError(
-        f"{path}: line {line}, column {shown(name)}: {quote(json.dumps(value))} is not a number; write numbers, or null"
-    )
+    raise CellError(at, f"{quote(json.dumps(value))} is not a number; write numbers, or null")
 
 
-def _line_of_row(path: Path, is_cut: bool, row: int) -> str:
-    number, _ = next(islice(_rows(path, is_cut=is_cut), row, None))
+def _line_of_row(layout: _Layout, row: int) -> str:
+    number, _ = next(islice(_rows(layout.path, is_cut=layout.is_cut), row, None))
     return f"line {number}"

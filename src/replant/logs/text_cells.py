@@ -159,11 +159,7 @@ def common_mark(marks: Iterable[DecimalMark | None]) -> DecimalMark | None:
 def parse_numbers(cells: Sequence[str], mark: DecimalMark | None) -> FloatArray:
     """Turn the cells of a column into float64; a missing one is NaN."""
     mark = mark or DecimalMark(".", 0, "")
-    if mark.mark == ",":
-        plain = None if any("." in cell for cell in cells) else [cell.replace(",", ".") for cell in cells]
-    else:
-        plain = list(cells)
-    values = None if plain is None else _plain_numbers(plain)
+    values = _plain_numbers(cells, mark)
     if values is not None:
         return values
     values = np.empty(len(cells))
@@ -192,13 +188,14 @@ def _number(cell: str, mark: DecimalMark) -> float:
     return parse_number(text.replace(mark.other, "").replace(mark.mark, "."))
 
 
-def _plain_numbers(cells: Sequence[str]) -> FloatArray | None:
+def _plain_numbers(cells: Sequence[str], mark: DecimalMark) -> FloatArray | None:
     """Convert numbers at once, or return None if a cell is anything else."""
     text = "".join(cells)
-    if "_" in text or not text.isascii():
+    if "_" in text or not text.isascii() or (mark.mark == "," and "." in text):
         return None
+    plain = cells if mark.mark == "." else [cell.replace(",", ".") for cell in cells]
     try:
-        return np.fromiter(map(float, cells), np.float64, len(cells))
+        return np.fromiter(map(float, plain), np.float64, len(cells))
     except ValueError:
         return None
 

@@ -100,6 +100,7 @@ _EXCEL_HINT = re.compile(r"sep=.?", re.IGNORECASE)  # a first line that tells Ex
 class Layout:
     """The layout of a text log."""
 
+    path: Path
     names: tuple[str, ...]
     delimiter: str | None
     names_line: int | None
@@ -129,7 +130,9 @@ def sniff(path: Path) -> Layout:
             if file.seek(0, 2) > _HEAD_BYTES:
                 raise LogError(f"{path}: no row of data in its first {MOST_LINES_ABOVE:,} lines; remove what is above")
         raise LogError(f"{path}: the file is empty; a log has a row of names and one row of numbers per sample")
-    delimiter = _delimiter([line for _, line in rows])
+    lines = [line for _, line in rows]
+    scores = {delimiter: _score(lines, delimiter) for delimiter in DELIMITERS}
+    delimiter = max(DELIMITERS, key=lambda delimiter: scores[delimiter]) if any(scores.values()) else ","
     above, rows = rows[0][0], _below_title(rows, delimiter)
     number, line = rows[0]
     try:
@@ -145,7 +148,7 @@ def sniff(path: Path) -> Layout:
         numbered = _names([str(column) if cell else "" for column, cell in enumerate(first)], others)
         at, text = comment
         found = _commented_names(text, delimiter)
-        layout = Layout(numbered, delimiter, None, number, encoding, range(above, number))
+        layout = Layout(path, numbered, delimiter, None, number, encoding, range(above, number))
         if len(found) == len(numbered):
             layout = replace(layout, names=found)
         elif len(found) > len(numbered) and delimiter is not None:  # blanks stand between the words of any comment
@@ -162,7 +165,7 @@ def sniff(path: Path) -> Layout:
                 f"{path}: line {number}, column {column}: {quote(name)} is a name of {len(name):,} characters; "
                 f"shorten it to {LONGEST_NAME:,} or fewer"
             )
-    return with_content(Layout(names, delimiter, number, rows[1][0], encoding, range(above, number)), below)
+    return with_content(Layout(path, names, delimiter, number, rows[1][0], encoding, range(above, number)), below)
 
 
 def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
@@ -215,12 +218,6 @@ def _encoding(path: Path) -> str:
     return "utf-8-sig"
 
 
-def _delimiter(lines: Sequence[str]) -> str | None:
-    scores = {delimiter: _score(lines, delimiter) for delimiter in DELIMITERS}
-    best = max(DELIMITERS, key=lambda delimiter: scores[delimiter])
-    return best if scores[best] > 0.0 else ","
-
-
 def _score(lines: Sequence[str], delimiter: str | None) -> float:
     """Return the score of a delimiter: the share of rows of the usual width times the share of numbers in the cells."""
     rows = [cells for line in lines if (cells := split_or_none(line, delimiter)) is not None]
@@ -243,25 +240,22 @@ def split_or_none(line: str, delimiter: str | None) -> list[str] | None:
 
 def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tuple[int, str]]:
     """Return the rows from the names on: fewer cells above names, or text alone above numbers, are those of a title."""
+    split = [split_or_none(line, delimiter) or [] for _, line in rows]
     # without the empty cells at the end: a spreadsheet fills up each line to the widest one
-    widths = [_filled(split_or_none(line, delimiter) or ()) for _, line in rows]
+    widths = [_filled(cells) for cells in split]
     usual = Counter(widths).most_common(1)[0][0]
     at = widths.index(usual)
     if at == 0 or len(rows) <= at + 1:
         return rows
-    cells = split_or_none(rows[at][1], delimiter) or []
-    if all(is_number(cell, delimiter) for cell in cells):
-        is_title = all(_is_text(line, delimiter, usual) for _, line in rows[:at])
+    if all(is_number(cell, delimiter) for cell in split[at]):
+        # one cell of text, as any line is where blanks delimit, that cannot be a name for each column
+        is_title = all(
+            (delimiter is None or width == 1) and cells and cells[0][:1].isalpha() and len(_WORD.findall(line)) != usual
+            for (_, line), cells, width in zip(rows[:at], split, widths, strict=False)
+        )
     else:
-        is_title = max(widths[:at]) < usual and all(name[:1].isalpha() for name in cells)
+        is_title = max(widths[:at]) < usual and all(name[:1].isalpha() for name in split[at])
     return rows[at:] if is_title else rows
-
-
-def _is_text(line: str, delimiter: str | None, columns: int) -> bool:
-    """Return whether a line is text alone: one cell, that begins with a letter and cannot be a name for each column."""
-    cells = split_or_none(line, delimiter) or []
-    is_one = delimiter is None or _filled(cells) == 1  # any text has blanks
-    return is_one and cells[:1] != [] and cells[0][:1].isalpha() and len(_WORD.findall(line)) != columns
 
 
 def _filled(cells: Sequence[str]) -> int:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import date
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
-from replant.errors import LogError, shown
-from replant.logs.table import Arrays
+from replant.logs.table import Arrays, Table
 from replant.logs.text_cells import MISSING, CellError, quote
 from replant.numerics.arguments import FloatArray
 
@@ -70,21 +68,17 @@ class StampFormat:
 
     def seconds(self, cells: Sequence[str]) -> FloatArray:
         """Return the seconds since the first stamp, from whole nanoseconds; a missing cell is NaN."""
-        elapsed, missing = np.empty(len(cells), np.int64), []
+        seconds = np.full(len(cells), np.nan)
         for index, cell in enumerate(cells):
             if is_missing(cell):
-                missing.append(index)
-                elapsed[index] = 0
                 continue
             try:
                 stamp = parse_stamp(cell, bool(self.month_first))
             except ValueError:
                 raise CellError(index, f"{quote(cell)} is no date or clock time; {READ}") from None
             self._check(index, cell, stamp)
-            elapsed[index] = stamp.nanoseconds - self.first.nanoseconds
-        seconds = elapsed / _NANOSECOND
-        seconds[missing] = np.nan
-        return np.asarray(seconds, np.float64)
+            seconds[index] = float(stamp.nanoseconds - self.first.nanoseconds) / _NANOSECOND
+        return seconds
 
     def _check(self, index: int, cell: str, stamp: Stamp) -> None:
         if stamp.parts != self.parts:
@@ -203,11 +197,27 @@ _TURNS = (
 )
 
 
-class LocalClock:
+def with_stamps(table: Table, forms: Mapping[int, StampFormat]) -> Table:
+    """Return a table whose columns of such forms are in seconds; local clocks are followed over midnight."""
+
+    def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
+        clocks = {
+            at: _LocalClock(table, number, has_date="d" in forms[number].parts)
+            for at, number in enumerate(numbers)
+            if number in forms and forms[number].is_local
+        }
+        for block in table.blocks(numbers):
+            yield [clocks[at].followed(part) if at in clocks else part for at, part in enumerate(block)]
+
+    origins = {number: form.origin for number, form in forms.items() if form.origin is not None}
+    return replace(table, blocks=blocks, in_seconds=frozenset(forms), origins=origins)
+
+
+class _LocalClock:
     """Follows clock times block by block: over midnight without a date; with one it refuses a turned clock."""
 
-    def __init__(self, path: Path, name: str, describe_row: Callable[[int], str], *, has_date: bool) -> None:
-        self._path, self._name, self._describe_row, self._has_date = path, name, describe_row, has_date
+    def __init__(self, table: Table, number: int, *, has_date: bool) -> None:
+        self._table, self._number, self._has_date = table, number, has_date
         self._rows, self._last, self._usual, self._days = 0, np.full(1, np.nan), math.nan, 0
 
     def followed(self, stamps: FloatArray) -> FloatArray:
@@ -222,26 +232,10 @@ class LocalClock:
             found = np.abs(steps - self._usual - turn) <= near
             if found.any():
                 at = int(np.argmax(found))
-                raise LogError(
-                    f"{self._path}: {self._describe_row(self._rows + at)}, column {shown(self._name)}: the clock goes "
-                    f"{way} by {abs(steps[at]):.6g} s, {said}; {_REMEDY}"
-                )
+                problem = f": the clock goes {way} by {abs(steps[at]):.6g} s, {said}; {_REMEDY}"
+                raise self._table.error(self._number, problem, self._rows + at)
         days = self._days + np.cumsum((np.abs(steps - self._usual + _DAY) <= near) & (not self._has_date))
         self._rows += stamps.size
         if stamps.size:
             self._last, self._days = stamps[-1:], int(days[-1])
         return np.asarray(stamps + _DAY * days)
-
-
-def followed_clocks(
-    path: Path, names: Sequence[str], stamps: Mapping[int, StampFormat], columns: Sequence[int],
-    describe_row: Callable[[int], str], blocks: Iterator[Arrays],
-) -> Iterator[Arrays]:  # fmt: skip
-    """Yield blocks of columns, those of local clocks followed over midnight."""
-    clocks = {
-        at: LocalClock(path, names[column], describe_row, has_date="d" in form.parts)
-        for at, column in enumerate(columns)
-        if (form := stamps.get(column)) is not None and form.is_local
-    }
-    for block in blocks:
-        yield [clocks[at].followed(part) if at in clocks else part for at, part in enumerate(block)]

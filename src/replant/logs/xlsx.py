@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from datetime import date, datetime, time, timedelta
 from itertools import chain, islice, repeat
 from pathlib import Path
@@ -17,7 +16,7 @@ from replant.errors import LogError, shown
 from replant.logs.parser_process import allow
 from replant.logs.table import Table, at_most, damage_as_log_error, needed, open_zip
 from replant.logs.text_cells import CellError, as_float, quote, units_in, with_units
-from replant.logs.text_times import LocalClock, find_format, is_missing
+from replant.logs.text_times import find_format, is_missing, with_stamps
 from replant.numerics.arguments import FloatArray
 
 _HEADER_ROWS = 100  # first rows of a sheet among which the names are looked for [rows]
@@ -55,19 +54,6 @@ class _Cells(Sequence[Any]):
         return self.others.get(row) if math.isnan(found) else found
 
 
-@dataclass(frozen=True)
-class _Sheet:
-    """The table of a sheet."""
-
-    title: str
-    names: tuple[str, ...]
-    first: int
-    columns: Sequence[_Cells]
-
-    def describe_row(self, row: int) -> str:
-        return f"sheet {shown(self.title)}, row {self.first + row}"
-
-
 def read(path: Path) -> Table:
     """Open an Excel workbook: rows above the names are skipped, units may stand below; of formulas the values count."""
     openpyxl = needed(path, "openpyxl", "reading Excel files needs openpyxl", "'replant[xlsx]'")
@@ -77,23 +63,15 @@ def read(path: Path) -> Table:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         try:
             sheets = at_most(path, book.worksheets, "sheets", MOST_SHEETS)
-            found = next((sheet for each in sheets if (sheet := _table_in(path, each)) is not None), None)
+            table = next((found for each in sheets if (found := _table_in(path, each)) is not None), None)
         finally:
             book.close()
-    if found is None:
+    if table is None:
         raise LogError(f"{path}: no sheet has a row of names above columns of numbers; put the log's signals into one")
-    stamps = {number for number, cells in enumerate(found.columns) if _is_time(cells[:_SAMPLE_ROWS])}
-    return Table(
-        path,
-        found.names,
-        lambda numbers: iter([[_values(path, found, number, is_stamp=number in stamps) for number in numbers]]),
-        found.describe_row,
-        in_seconds=frozenset(stamps),
-        approximate_rows=len(found.columns[0]),
-    )
+    return table
 
 
-def _table_in(path: Path, sheet: Any) -> _Sheet | None:
+def _table_in(path: Path, sheet: Any) -> Table | None:
     if not hasattr(sheet, "iter_rows"):  # a sheet that is a chart
         return None
     every = (tuple(row) for row in sheet.iter_rows(values_only=True))  # those that its file leaves out are empty
@@ -112,8 +90,33 @@ def _table_in(path: Path, sheet: Any) -> _Sheet | None:
         begins = (next((cell for cell in cells if cell is not None), None) for cells in zip(*below, strict=True))
         numbers = sum(map(_is_value, begins))
         if numbers > 1 or numbers == len(columns):
-            return _Sheet(str(sheet.title), names, first + 1, _columns(chain(head[first:], rows), columns))
+            return _table(path, str(sheet.title), names, first + 1, _columns(chain(head[first:], rows), columns))
     return None
+
+
+def _table(path: Path, title: str, names: tuple[str, ...], first: int, columns: Sequence[_Cells]) -> Table:
+    """Return the table of a sheet, whose data begin in row ``first``."""
+    forms = {
+        number: form
+        for number, cells in enumerate(columns)
+        if (form := find_format(list(map(_text, cells[:_SAMPLE_ROWS])))) is not None
+    }
+
+    def column(number: int) -> FloatArray:
+        try:
+            form, cells = forms.get(number), columns[number]
+            return _numbers(cells) if form is None else form.seconds(list(map(_text, cells)))
+        except CellError as error:
+            raise table.error(number, f": {error}", error.at) from None
+
+    table = Table(
+        path,
+        names,
+        lambda numbers: iter([[column(number) for number in numbers]]),
+        lambda row: f"sheet {shown(title)}, row {first + row}",
+        approximate_rows=len(columns[0]),
+    )
+    return with_stamps(table, forms)
 
 
 def _columns(rows: Iterator[_Row], chosen: Sequence[int]) -> list[_Cells]:
@@ -144,59 +147,18 @@ def _is_value(cell: Any) -> bool:
     return isinstance(cell, int | float | date | time | timedelta)
 
 
-def _is_time(cells: Sequence[Any]) -> bool:
-    given = [cell for cell in cells if cell is not None]
-    if given and all(isinstance(cell, str) for cell in given):
-        return find_format(given) is not None
-    return bool(given) and all(isinstance(cell, date | time | timedelta) for cell in given)
+def _text(cell: Any) -> str:
+    """Return a cell as text; a duration as a date with a zone, whose clock nobody turns."""
+    if isinstance(cell, timedelta):
+        return f"{_EPOCH + cell}Z"
+    return "" if cell is None else str(cell)
 
 
-def _values(path: Path, sheet: _Sheet, number: int, *, is_stamp: bool) -> FloatArray:
-    cells = sheet.columns[number]
-    if is_stamp:
-        return _seconds(path, sheet, number, cells)
+def _numbers(cells: _Cells) -> FloatArray:
     values = np.array(cells.numbers)
     for row, cell in cells.others.items():
         if isinstance(cell, bool):
             values[row] = cell
         elif not isinstance(cell, str) or not (is_missing(cell) or cell == "#N/A"):
-            raise _error(path, sheet, number, row, f"{quote(str(cell))} is not a number; correct it, or empty the cell")
+            raise CellError(row, f"{quote(str(cell))} is not a number; correct it, or empty the cell")
     return values
-
-
-def _seconds(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> FloatArray:
-    """Return the seconds since the first stamp, from whole microseconds, which is how openpyxl reads a stamp."""
-    texts = [cell for cell in cells[:_SAMPLE_ROWS] if isinstance(cell, str)]
-    form = find_format(texts) if texts else None
-    try:
-        given = ["" if cell is None else str(cell) for cell in cells] if form else []
-        values = form.seconds(given) if form else _of_cells(path, sheet, number, cells)
-    except CellError as error:
-        raise _error(path, sheet, number, error.at, str(error)) from None
-    kinds = {type(cell) for cell in cells if cell is not None}
-    if form.is_local if form else kinds & {datetime, time}:
-        has_date = "d" in form.parts if form else datetime in kinds
-        clock = LocalClock(path, sheet.names[number], sheet.describe_row, has_date=has_date)
-        values = clock.followed(values)
-    return values
-
-
-def _of_cells(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> FloatArray:
-    elapsed: list[timedelta | None] = []
-    for row, cell in enumerate(cells):
-        if isinstance(cell, datetime):
-            elapsed.append(cell - _EPOCH)
-        elif isinstance(cell, date):
-            elapsed.append(datetime(cell.year, cell.month, cell.day) - _EPOCH)
-        elif isinstance(cell, time):
-            elapsed.append(datetime.combine(_EPOCH, cell) - _EPOCH)
-        elif cell is None or isinstance(cell, timedelta):
-            elapsed.append(cell)
-        else:
-            raise _error(path, sheet, number, row, f"{quote(str(cell))} is no date or time; correct it")
-    first = next((one for one in elapsed if one is not None), timedelta(0))
-    return np.array([math.nan if one is None else (one - first).total_seconds() for one in elapsed])
-
-
-def _error(path: Path, sheet: _Sheet, number: int, row: int, problem: str) -> LogError:
-    return LogError(f"{path}: {sheet.describe_row(row)}, column {shown(sheet.names[number])}: {problem}")
