@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,6 @@ from replant.logs.merged_channels import Signal, channel_table
 from replant.logs.parser_process import allow
 from replant.logs.table import DEFLATE_RATIO, Arrays, Table, at_most, damage_as_log_error, needed
 from replant.logs.text_cells import with_units
-from replant.numerics.arguments import FloatArray
 
 TIME = 1  # kind of a group's master channel that is time; others are angle, distance and index [code]
 _MAGIC = (b"MDF     ", b"UnFinMF ")
@@ -67,12 +67,8 @@ def _listed(file: Any) -> Iterator[tuple[int, int, str, str, str]]:
         name = str(getattr(about.channel_group, "acq_name", "") or f"group {group}")
         for number, channel in enumerate(about.channels):
             if number != master:
-                yield group, number, name, str(channel.name), _unit(channel)
-
-
-def _unit(channel: Any) -> str:
-    conversion = getattr(channel, "conversion", None)
-    return str(getattr(channel, "unit", "") or getattr(conversion, "unit", "") or "").strip()
+                stated = getattr(channel, "unit", "") or getattr(getattr(channel, "conversion", None), "unit", "")
+                yield group, number, name, str(channel.name), str(stated or "").strip()
 
 
 def _signal(path: Path, name: str, group: int, number: int) -> Signal:
@@ -105,18 +101,20 @@ def read_tdms(path: Path) -> Table:
             [str(one.properties.get("unit_string", "")).strip() for one in channels],
         )
         stamps = frozenset(number for number, one in enumerate(channels) if one.dtype.kind == "M")
-        clocks = [_clock(one) for one in channels]
+        clocks = [clock for one in channels if (clock := _clock(one)) is not None]
     if not channels:
         raise LogError(f"{path}: no channel of numbers in the file; choose another file")
-    if all(clock is not None for clock in clocks):
-        known = [clock for clock in clocks if clock is not None]
-        starts = [_nanoseconds(start) for start, _, _ in known if start is not None]
-        origin = min(starts) if len(starts) == len(known) else None
-        each = zip(names, places, known, strict=True)
-        return channel_table(
-            path, [(name, partial(_signal_of_tdms, path, place, clock, origin)) for name, place, clock in each]
-        )
-    return Table(path, names, partial(_blocks, path, places), in_seconds=stamps)
+    if len(clocks) == len(channels):
+        starts = [_nanoseconds(start) for start, _, _ in clocks if start is not None]
+        origin = min(starts) if len(starts) == len(clocks) else None
+        read = [partial(_signal_of_tdms, path, *each, origin) for each in zip(places, clocks, strict=True)]
+        return channel_table(path, list(zip(names, read, strict=True)))
+    return Table(
+        path,
+        names,
+        lambda numbers: iter([_tdms_values(path, [places[number] for number in numbers])]),
+        in_seconds=stamps,
+    )
 
 
 @contextmanager
@@ -141,26 +139,23 @@ def _nanoseconds(start: Any) -> int:
 
 def _signal_of_tdms(path: Path, place: _Place, clock: tuple[Any, float, float], origin: int | None) -> Signal:
     start, offset, increment = clock
-    with _opened_of_tdms(path) as file:
-        values = _values(file, place, path.stat().st_size)
+    (values,) = _tdms_values(path, [place])
     begin = offset + (0.0 if origin is None else (_nanoseconds(start) - origin) / 1e9)
     return Signal(np.asarray(begin + increment * np.arange(values.size), np.float64), values)
 
 
-def _blocks(path: Path, places: Sequence[_Place], numbers: Sequence[int]) -> Iterator[Arrays]:
+def _tdms_values(path: Path, places: Sequence[_Place]) -> Arrays:
+    arrays = []
     with _opened_of_tdms(path) as file:
-        yield [_values(file, places[number], path.stat().st_size) for number in numbers]
-
-
-def _values(file: Any, place: _Place, size: int) -> FloatArray:
-    group, name = place
-    channel = file[group][name]
-    allow(held=_TDMS_COPIES * 8 * min(len(channel), size))
-    values = np.asarray(channel[:])
-    if values.dtype.kind == "M":
-        counts = values.astype("datetime64[ns]").astype(np.int64)
-        return np.asarray((counts - counts[:1]) / 1e9, np.float64)
-    return np.array(values, np.float64)
+        for group, name in places:
+            channel = file[group][name]
+            allow(held=_TDMS_COPIES * 8 * min(len(channel), path.stat().st_size))
+            values = np.asarray(channel[:])
+            if values.dtype.kind == "M":
+                counts = values.astype("datetime64[ns]").astype(np.int64)
+                values = (counts - counts[:1]) / 1e9
+            arrays.append(np.array(values, np.float64))
+    return arrays
 
 
 _STAMP = "timestamp"
@@ -176,36 +171,27 @@ def read_ulog(path: Path) -> Table:
         log = pyulog.ULog(file)
         topics = [topic for topic in log.data_list if len(topic.data.get(_STAMP, ()))]
         instances = Counter(topic.name for topic in topics)
-        channels = [
-            (
-                f"{_name(topic, instances)}.{field}",
-                partial(_signal_of_ulog, topic.data[_STAMP], values, log.start_timestamp),
-            )
-            for topic in topics
-            for field, values in topic.data.items()
-            if field != _STAMP and values.dtype.kind in "biuf"
-        ]
-        notes = _notes(path, log)
-    return replace(channel_table(path, channels), notes=notes)
-
-
-def _name(topic: Any, instances: Counter[str]) -> str:
-    return f"{topic.name}[{topic.multi_id}]" if instances[topic.name] > 1 else str(topic.name)
+        notes = []
+        if log.dropouts:
+            lost = sum(dropout.duration for dropout in log.dropouts)
+            notes.append(f"{path}: the logger lost samples for {lost / 1000:.3g} s, in {len(log.dropouts)} gaps")
+        if log.file_corruption:
+            notes.append(f"{path}: a part of the file is damaged and left out")
+        channels = []
+        for topic in topics:
+            name = f"{topic.name}[{topic.multi_id}]" if instances[topic.name] > 1 else str(topic.name)
+            stamps = topic.data.pop(_STAMP)
+            channels += [
+                (f"{name}.{field}", partial(_signal_of_ulog, stamps, values, log.start_timestamp))
+                for field, values in topic.data.items()
+                if values.dtype.kind in "biuf"
+            ]
+    return replace(channel_table(path, channels), notes=tuple(notes))
 
 
 def _signal_of_ulog(stamps: Any, values: Any, start: int) -> Signal:
     elapsed = (np.asarray(stamps, np.uint64) - np.uint64(start % 2**64)).astype(np.int64)  # modulo 2**64
     return Signal(np.asarray(elapsed / _PER_SECOND, np.float64), np.array(values, np.float64))
-
-
-def _notes(path: Path, log: Any) -> tuple[str, ...]:
-    notes = []
-    if log.dropouts:
-        lost = sum(dropout.duration for dropout in log.dropouts)
-        notes.append(f"{path}: the logger lost samples for {lost / 1000:.3g} s, in {len(log.dropouts)} gaps")
-    if log.file_corruption:
-        notes.append(f"{path}: a part of the file is damaged and left out")
-    return tuple(notes)
 
 
 MOST_ITEMS = 64  # length up to which the items of a list are columns [items]
@@ -220,30 +206,34 @@ def read_mcap(path: Path) -> Table:
     """Open an MCAP file, or the folder of a ROS 2 bag with such files.  The columns are those of each first message."""
     parts = parts_of(path) if path.is_dir() else [path]
     first: dict[str, Any] = {}
-    origin: int | None = None
+    begins: list[int] = []
     encodings: set[str] = set()
     for part in parts:
         with _opened_of_mcap(part) as reader:
-            for topic, begin in _first_messages(reader):
-                origin = begin if origin is None else min(origin, begin)
-                if topic in first:
-                    continue
-                try:
-                    _, first[topic] = next(_messages(reader, topic))
-                except _UnknownEncodingError as error:
-                    encodings.add(str(error))
+            from mcap.exceptions import DecoderNotFoundError
+
+            summary = reader.get_summary()
+            topics = {channel.topic for channel in summary.channels.values()} if summary is not None else set()
+            for topic in sorted(topics):
+                for _, channel, message in islice(reader.iter_messages(topics=[topic]), 1):
+                    begins.append(message.log_time)
+                    if topic in first:
+                        continue
+                    try:
+                        first[topic] = next(reader.iter_decoded_messages(topics=[topic])).decoded_message
+                    except DecoderNotFoundError:
+                        encodings.add(channel.message_encoding)
     if not first:
         known = f" ({', '.join(sorted(encodings))})" if encodings else ""
         raise LogError(f"{path}: no message of ROS 2 or JSON in the file{known}; choose another file")
-    assert origin is not None
-    fields = ((topic, keys) for topic, message in first.items() for keys in _keys_of(message))
-    return channel_table(
-        path,
-        [
-            (topic + _written(keys), partial(_signal_of_mcap, parts, topic, keys, origin))
-            for topic, keys in at_most(path, fields, "columns")
-        ],
+    columns = at_most(
+        path, ((topic, keys) for topic, message in first.items() for keys in _keys_of(message)), "columns"
     )
+    channels = []
+    for topic, keys in columns:
+        name = topic + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)
+        channels.append((name, partial(_signal_of_mcap, parts, topic, keys, min(begins))))
+    return channel_table(path, channels)
 
 
 def parts_of(folder: Path) -> list[Path]:
@@ -252,51 +242,32 @@ def parts_of(folder: Path) -> list[Path]:
     return sorted(found, key=lambda part: (len(part.name), part.name))
 
 
-class _UnknownEncodingError(ValueError):
-    """The messages of a topic cannot be decoded."""
+class _Json:
+    """Decodes messages of JSON, as the factory of mcap_ros2 does those of ROS 2."""
+
+    @staticmethod
+    def decoder_for(encoding: str, schema: Any) -> Callable[[bytes], Any] | None:
+        """Return the decoder of an encoding; None where it is another one."""
+        return json.loads if encoding == "json" else None
 
 
 @contextmanager
 def _opened_of_mcap(path: Path) -> Iterator[Any]:
-    for module in ("mcap_ros2.decoder", "mcap.reader"):
-        mcap = needed(path, module, "reading MCAP needs mcap", "'replant[mcap]'")
+    ros2, mcap = (
+        needed(path, module, "reading MCAP needs mcap", "'replant[mcap]'")
+        for module in ("mcap_ros2.decoder", "mcap.reader")
+    )
     with damage_as_log_error(path, "MCAP file", "repair it with: mcap recover"), path.open("rb") as file:
-        yield mcap.make_reader(file, validate_crcs=True)
-
-
-def _first_messages(reader: Any) -> Iterator[tuple[str, int]]:
-    """Yield each topic with the time of its first message, in ns."""
-    summary = reader.get_summary()
-    topics = {channel.topic for channel in summary.channels.values()} if summary is not None else set()
-    for topic in sorted(topics):
-        for _, _, message in reader.iter_messages(topics=[topic]):
-            yield topic, message.log_time
-            break
-
-
-def _messages(reader: Any, topic: str) -> Iterator[tuple[int, Any]]:
-    from mcap_ros2.decoder import DecoderFactory
-
-    factory = DecoderFactory()
-    decoders: dict[int, Callable[[bytes], Any]] = {}
-    for schema, channel, message in reader.iter_messages(topics=[topic]):
-        decode = decoders.get(channel.id)
-        if decode is None:
-            is_json = channel.message_encoding == "json"
-            decode = json.loads if is_json else factory.decoder_for(channel.message_encoding, schema)
-            if decode is None:
-                raise _UnknownEncodingError(channel.message_encoding)
-            decoders[channel.id] = decode
-        yield message.log_time, decode(message.data)
+        yield mcap.make_reader(file, validate_crcs=True, decoder_factories=[_Json(), ros2.DecoderFactory()])
 
 
 def _signal_of_mcap(parts: Sequence[Path], topic: str, keys: _Keys, origin: int) -> Signal:
     stamps, values = array("q"), array("d")  # compact: a list takes five times the memory
     for part in parts:
         with _opened_of_mcap(part) as reader:
-            for stamp, message in _messages(reader, topic):
-                stamps.append(stamp - origin)
-                values.append(_number(_item(message, keys)))
+            for _, _, message, decoded in reader.iter_decoded_messages(topics=[topic]):
+                stamps.append(message.log_time - origin)
+                values.append(_number_at(decoded, keys))
                 if len(stamps) % _COUNTED == 0:
                     allow(held=_MCAP_COPIES * 8 * _COUNTED)
     return Signal(np.array(stamps, np.int64) / 1e9, np.array(values, np.float64))
@@ -321,15 +292,7 @@ def _keys_of(value: Any, above: _Keys = ()) -> Iterator[_Keys]:
         yield above
 
 
-def _written(keys: _Keys) -> str:
-    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)
-
-
-def _item(message: Any, keys: _Keys) -> Any:
+def _number_at(message: Any, keys: _Keys) -> float:
     for key in keys:
         message = dict(_items(message) or ()).get(key)
-    return message
-
-
-def _number(value: Any) -> float:
-    return float(value) if isinstance(value, bool | int | float) else math.nan
+    return float(message) if isinstance(message, bool | int | float) else math.nan

@@ -1,10 +1,9 @@
 """A second Python in which a parser reads a file: on damaged bytes it may crash, hang, or take memory without end.
 
 `read` starts it without running the user's script again.  It serves one table, and ends with it, or with a pass over it
-that is not finished.  Requests and answers are pickled, as between the processes of `multiprocessing`; of arrays the
-lengths are, and their bytes follow, which takes no copy.  The process begins with an allowance of memory and time that
-is the same for every file; a reader that holds samples asks for more when it has found them (`allow`); what a file
-merely claims gives none.
+that is not finished.  Requests and answers are pickled, as between the processes of `multiprocessing`; the highest
+protocol copies no array.  The process begins with an allowance of memory and time that is the same for every file; a
+reader that holds samples asks for more when it has found them (`allow`); what a file merely claims gives none.
 """
 
 from __future__ import annotations
@@ -20,11 +19,10 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.abc import MetaPathFinder
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -111,31 +109,27 @@ def read(path: Path, reader: str) -> Table:
     first = _Process(path, reader)
     about, idle = first.about, [first]
 
-    @contextmanager
-    def process() -> Iterator[_Process]:
-        one = idle.pop() if idle else _Process(path, reader)  # the latter for two passes at once
-        if one.about != about:
+    def answers(name: str, argument: Any) -> Iterator[Any]:
+        process = idle.pop() if idle else _Process(path, reader)  # the latter for two passes at once
+        if process.about != about:
             raise LogError(f"{path}: the file has changed since it was opened; start again")
         try:
-            yield one
+            yield from process.answers(name, argument)
         except BaseException:
-            one.end()
+            process.end()
             raise
-        idle[:] = [one]
-
-    def blocks(columns: Sequence[int]) -> Iterator[Arrays]:
-        with process() as one:
-            yield from one.answers("blocks", list(columns))
+        idle[:] = [process]
 
     def stamps(number: int) -> FloatArray:
-        with process() as one:
-            (((found,)),) = one.answers("stamps", number)
+        (((found,)),) = answers("stamps", number)
         return np.asarray(found)
 
     def describe_row(row: int) -> str:
-        with process() as one:
-            (words,) = one.answers("describe_row", row)
+        (words,) = answers("describe_row", row)
         return str(words)
+
+    def blocks(columns: Sequence[int]) -> Iterator[Arrays]:
+        return answers("blocks", list(columns))
 
     return Table(**{"stamps": stamps} | about, blocks=blocks, describe_row=describe_row)
 
@@ -178,7 +172,8 @@ class _Process:
             yield answer
 
     def _answer(self) -> Any:
-        late, process, has_ended = threading.Event(), self._process, False
+        late, process = threading.Event(), self._process
+        output: Any = process.stdout
 
         def stop() -> None:  # holds the process alone, as its thread may outlive this object
             late.set()
@@ -188,29 +183,27 @@ class _Process:
         timer.daemon = True
         timer.start()
         try:
-            answer = _received(process.stdout)
+            answer = pickle.load(output)
         except Exception:  # it has ended, or written something else, of which unpickling raises nearly any exception
-            has_ended = True
+            raise self._ended(is_late=late.is_set()) from None
         finally:
             timer.cancel()
-        if late.is_set():
-            raise LogError(
-                f"{self._path}: the file is damaged: reading it takes over {self._seconds:.0f} s; {self._parser.remedy}"
-            )
-        if has_ended:
-            raise self._ended()
         if isinstance(answer, Exception):
             raise answer
         return answer
 
-    def _ended(self) -> LogError:
+    def _ended(self, *, is_late: bool) -> LogError:
         """Return the error for a process that ended before it had read the file."""
+        parser, path = self._parser, self._path
+        if is_late:
+            return LogError(
+                f"{path}: the file is damaged: reading it takes over {self._seconds:.0f} s; {parser.remedy}"
+            )
         try:
             code = self._process.wait(_ENDING)
         except subprocess.TimeoutExpired:  # it has closed its output alone, or written something else
             self._process.kill()
             code = self._process.wait()
-        parser, path = self._parser, self._path
         name = signal.Signals(-code).name if -code in set(signal.Signals) else f"code {code}"
         if name == "SIGXCPU":
             return LogError(
@@ -238,12 +231,23 @@ def main() -> None:
         with contextlib.suppress(ImportError):  # which the reader says
             importlib.import_module(library)
     begin(path.stat().st_size if path.is_file() else 0)
+
+    def send(answer: Any) -> None:
+        pickle.dump(answer, out, pickle.HIGHEST_PROTOCOL)
+        out.flush()
+
     with contextlib.suppress(BrokenPipeError):
         try:
             for answer in _answers(read(path)):
-                _send(answer, out)
+                send(answer)
         except Exception as error:
-            _send(_failure(path, parser, error), out)
+            allow(held=_TO_ANSWER)  # what the error still holds may be all that was allowed
+            if isinstance(error, OSError) and error.errno is not None:
+                error = OSError(error.errno, error.strerror)
+            elif not isinstance(error, ReplantError):  # which only the libraries may know
+                reason = reason_of(error)[:120]
+                error = LogError(f"{path}: not readable as {parser.kind} ({reason}); {parser.remedy}")
+            send(error)
     os._exit(0)  # nothing of a damaged file is to be put in order
 
 
@@ -275,86 +279,39 @@ def _answers(table: Table) -> Iterator[Any]:
         yield None
 
 
-def _failure(path: Path, parser: Parser, error: Exception) -> Exception:
-    """Return the error for the caller, with the words of an exception that only the libraries know."""
-    allow(held=_TO_ANSWER)  # what the error still holds may be all that was allowed
-    if isinstance(error, ReplantError):
-        return error
-    if isinstance(error, OSError) and error.errno is not None:
-        return OSError(error.errno, error.strerror)
-    return LogError(f"{path}: not readable as {parser.kind} ({reason_of(error)[:120]}); {parser.remedy}")
-
-
-# --- between the two
-
-
-def _send(answer: Any, out: BinaryIO) -> None:
-    """Write an answer: a list is one of arrays, anything else is pickled."""
-    is_arrays = isinstance(answer, list)
-    pickle.dump([array.size for array in answer] if is_arrays else answer, out)
-    for array in answer if is_arrays else ():
-        out.write(np.ascontiguousarray(array, np.float64).data.cast("B") if array.size else b"")
-    out.flush()
-
-
-def _received(file: Any) -> Any:
-    """Read an answer that `_send` has written."""
-    answer = pickle.load(file)
-    if isinstance(answer, list):
-        answer = [np.empty(length) for length in answer]
-        if any(file.readinto(array) < array.nbytes for array in answer):
-            raise EOFError
-    return answer
-
-
 # --- its limits
 
-_limited = False
-_owed: dict[int, float] = {}  # fractions of a second, which the system does not count
+_limits: dict[int, float] = {}  # of this process, by the system's numbers for memory [bytes] and processor time [s]
 
 
 def begin(size: int) -> None:
     """Limit this process for a file of so many bytes; the system gives it no more.  Windows has no such limits."""
-    global _limited
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        _limited = True
-        _set(resource.RLIMIT_DATA, (_data_bytes() or 1 << 62) + MEMORY)
+        data = 1 << 62  # where the system does not tell what counts
+        with contextlib.suppress(OSError):
+            data = int(Path("/proc/self/statm").read_text().split()[5]) * resource.getpagesize()
         used = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
-        _set(resource.RLIMIT_CPU, math.ceil(used + SECONDS + SECONDS_PER_BYTE * size))
+        _limit(resource.RLIMIT_DATA, data + MEMORY)
+        _limit(resource.RLIMIT_CPU, math.ceil(used + SECONDS + SECONDS_PER_BYTE * size))
 
 
 def allow(*, held: float = 0, found: float = 0) -> None:
     """Raise the limits of the process that reads: for bytes that it holds as float64, for samples that it has found."""
-    if not _limited:
+    if not _limits:
         return
     import resource
 
-    for kind, more in (
-        (resource.RLIMIT_DATA, HELD * held),
-        (resource.RLIMIT_CPU, SECONDS_PER_SAMPLE * (found + held / 8)),
-    ):
-        more += _owed.pop(kind, 0.0)
-        if more >= 1.0:
-            _set(kind, resource.getrlimit(kind)[0] + int(more))
-        _owed[kind] = more % 1.0
+    _limit(resource.RLIMIT_DATA, _limits[resource.RLIMIT_DATA] + HELD * held)
+    _limit(resource.RLIMIT_CPU, _limits[resource.RLIMIT_CPU] + SECONDS_PER_SAMPLE * (found + held / 8))
 
 
-def _set(kind: int, most: int) -> None:
+def _limit(kind: int, most: float) -> None:
+    """Limit this process, to whole numbers and no more than the system allows it."""
     import resource
 
     hard = resource.getrlimit(kind)[1]
-    resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
-
-
-def _data_bytes() -> int:
-    """Return the memory of this process that the limit counts; 0 where the system does not tell."""
-    try:
-        fields = Path("/proc/self/statm").read_text().split()
-    except OSError:
-        return 0
-    import resource
-
-    return int(fields[5]) * resource.getpagesize()
+    resource.setrlimit(kind, (int(most) if hard == resource.RLIM_INFINITY else min(int(most), hard), hard))
+    _limits[kind] = most
