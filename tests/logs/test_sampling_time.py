@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
-from replant.logs import open_recording, read_log
+from replant.logs import Table, open_recording, read_log
 from replant.logs.sampling_time import check_dt, interval_of, time_candidates, unit_in_seconds, unit_of_stamps
 from replant.numerics.time_stamps import StampResolution, is_regular
 from support.cases import every
@@ -23,7 +23,7 @@ Write = Callable[..., Path]
 
 def judged(stamps: NDArray[np.float64]) -> tuple[float, str]:
     """The interval of stamps, and where it is irregular."""
-    interval, irregularity = interval_of(Path("log.csv"), "t", stamps, "row {}".format)
+    interval, irregularity = interval_of(Table(Path("log.csv"), ("t",), lambda _: iter(()), "row {}".format), 0, stamps)
     assert is_regular(stamps) == (not irregularity)
     return interval, irregularity
 

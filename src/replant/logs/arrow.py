@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +49,7 @@ class RowGroups:
 
 def read_parquet(path: Path) -> Table:
     """Open a Parquet file, or a folder of Parquet files with equal columns, in the order of their names."""
-    parts = parts_of(path) if path.is_dir() else [path]
-    return read_row_groups([RowGroups(part) for part in parts], path)
+    return read_row_groups([RowGroups(part) for part in (parts_of(path) if path.is_dir() else [path])], path)
 
 
 def parts_of(folder: Path) -> list[Path]:
@@ -69,8 +69,7 @@ def read_row_groups(parts: Sequence[RowGroups], path: Path | None = None) -> Tab
         if schema is not None and found.names != schema.names:
             raise LogError(f"{part.path}: other columns than in {parts[0].path.name}; parts of one log have equal ones")
         schema = schema or found
-    describe_row = partial(_place_of, parts, lengths)
-    return _table(path, schema, partial(_blocks, parts), describe_row, approximate_rows=sum(lengths))
+    return _table(path, schema, partial(_blocks, parts), partial(_place_of, parts, lengths), sum(lengths))
 
 
 def first_stamp(part: RowGroups, number: int) -> float:
@@ -119,19 +118,16 @@ def open_parquet(path: Path) -> Iterator[Any]:
 
 def _blocks(parts: Sequence[RowGroups], columns: Sequence[int]) -> Iterator[Arrays]:
     origins: list[list[int]] = [[] for _ in columns]  # time stamps count from the first row of the first part
-    for part in parts:
-        yield from _blocks_of(part, columns, origins)
+    return chain.from_iterable(_blocks_of(part, columns, origins) for part in parts)
 
 
 def _blocks_of(part: RowGroups, columns: Sequence[int], origins: Sequence[list[int]]) -> Iterator[Arrays]:
     with open_parquet(part.path) as file:
-        schema, groups, rows = file.schema_arrow, part.groups_of(file), 0
-        for number in columns:
-            _check_type(part.path, schema.field(number))
+        groups, rows = part.groups_of(file), 0
+        names = _checked_names(part.path, file.schema_arrow, columns)
         if max(groups, default=-1) >= file.metadata.num_row_groups:
             raise LogError(f"{part.path}: the file has changed since it was looked at; start again")
-        names = [schema.names[number] for number in columns]
-        twins = [schema.names[:number].count(name) for number, name in zip(columns, names, strict=True)]
+        twins = [file.schema_arrow.names[:number].count(name) for number, name in zip(columns, names, strict=True)]
         asked = sorted({*names, part.column} - {""})
         for batch in file.iter_batches(BLOCK_ROWS, row_groups=groups, columns=asked, use_threads=False):
             rows += batch.num_rows
@@ -183,8 +179,7 @@ def _opened_ipc(path: Path) -> Iterator[Any]:
 
 def _blocks_of_ipc(path: Path, columns: Sequence[int]) -> Iterator[Arrays]:
     with _opened_ipc(path) as reader:
-        for number in columns:
-            _check_type(path, reader.schema.field(number))
+        _checked_names(path, reader.schema, columns)
         origins: list[list[int]] = [[] for _ in columns]
         of_file = getattr(reader, "num_record_batches", None)
         for batch in iter(reader) if of_file is None else map(reader.get_batch, range(of_file)):
@@ -201,15 +196,18 @@ def _is_stamp(kind: Any) -> bool:
     return bool(pyarrow.types.is_timestamp(kind) or pyarrow.types.is_duration(kind))
 
 
-def _check_type(path: Path, field: Any) -> None:
-    """Check that a field of a schema holds numbers or time stamps."""
+def _checked_names(path: Path, schema: Any, columns: Sequence[int]) -> list[str]:
+    """Return the names of columns, which must hold numbers or time stamps."""
     from pyarrow import types
 
     kinds = (types.is_integer, types.is_floating, types.is_decimal, types.is_boolean, _is_stamp)
-    if not any(is_kind(field.type) for is_kind in kinds):
-        raise LogError(
-            f"{path}: column {shown(field.name)} holds {field.type}, not numbers; choose another, or convert it"
-        )
+    fields = [schema.field(number) for number in columns]
+    for field in fields:
+        if not any(is_kind(field.type) for is_kind in kinds):
+            raise LogError(
+                f"{path}: column {shown(field.name)} holds {field.type}, not numbers; choose another, or convert it"
+            )
+    return [field.name for field in fields]
 
 
 def _as_float(column: Any, origin: list[int]) -> FloatArray:
@@ -222,12 +220,9 @@ def _as_float(column: Any, origin: list[int]) -> FloatArray:
             column = column.cast(pyarrow.int8())
         values = column.cast(pyarrow.float64(), safe=False).to_numpy(zero_copy_only=False)
         return np.array(values, dtype=np.float64)
-    counts = column.cast(pyarrow.int64())
-    valid = np.asarray(counts.is_valid().to_numpy(zero_copy_only=False))
-    exact = np.asarray(counts.fill_null(0).to_numpy())  # int64: nanoseconds since 1970 do not fit a float64
-    seconds = np.full(exact.shape, np.nan)
-    if valid.any():
-        if not origin:
-            origin.append(int(exact[valid][0]))
-        seconds[valid] = (exact[valid] - origin[0]) * _SECONDS[column.type.unit]
-    return seconds
+    valid = np.asarray(column.is_valid().to_numpy(zero_copy_only=False))
+    # int64: nanoseconds since 1970 do not fit a float64
+    exact = np.asarray(column.cast(pyarrow.int64()).fill_null(0).to_numpy())
+    if valid.any() and not origin:
+        origin.append(int(exact[valid][0]))
+    return np.where(valid, (exact - (origin or [0])[0]) * _SECONDS[column.type.unit], np.nan)

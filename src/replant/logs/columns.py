@@ -84,9 +84,7 @@ def _on_grid(levels: FloatArray, step: float) -> bool:
         return False
     with np.errstate(over="ignore"):
         places = (levels - levels[0]) / step
-    if places[-1] > MOST_STEPS:
-        return False
-    return bool((np.abs(places - np.rint(places)) <= ON_GRID).all())
+    return bool(places[-1] <= MOST_STEPS and (np.abs(places - np.rint(places)) <= ON_GRID).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,46 +104,29 @@ class Contents:
 
 def read_contents(table: Table) -> Contents:
     """Read as many first rows of a log as memory holds, and describe its columns: with a cell of text, as text."""
-    every = range(len(table.names))
-    most = min(MOST_ROWS, max(FEWEST_ROWS, MOST_CELLS // max(1, len(table.names))))
-    problems: dict[int, str] = {}
-    try:
-        values, whole = _head(table, list(every), most)
-    except LogError:
-        values, whole, problems = _one_by_one(table, most)
-    rows = max((column.size for column in values.values()), default=0)
-    columns = [
-        describe(number, table.names[number], values[number])
-        if number in values
-        else Column(number, table.names[number], Kind.TEXT, rows, rows, problem=problems[number])
-        for number in every
-    ]
-    return Contents(tuple(columns), values, whole)
-
-
-def _head(table: Table, numbers: list[int], most: int) -> tuple[dict[int, FloatArray], bool]:
-    """Return the first rows of some columns, and whether these are all."""
-    read = table.head(numbers, most + 1)
-    return {n: values[:most] for n, values in zip(numbers, read, strict=True)}, max(map(len, read), default=0) <= most
-
-
-def _one_by_one(table: Table, most: int) -> tuple[dict[int, FloatArray], bool, dict[int, str]]:
-    """Read each column by itself; return those that can be read, and why the others cannot."""
+    names = table.names
+    most = min(MOST_ROWS, max(FEWEST_ROWS, MOST_CELLS // max(1, len(names))))
     values: dict[int, FloatArray] = {}
-    problems: dict[int, str] = {}
-    every_row = True
-    for number in range(len(table.names)):
-        try:
-            read, whole = _head(table, [number], most)
-        except LogError as problem:
-            problems[number] = str(problem).removeprefix(f"{table.path}: ")
-            first = problem
-        else:
-            values |= read
-            every_row = every_row and whole
-    if not values:
-        raise first
-    return values, every_row, problems
+    problems: dict[int, LogError] = {}
+    try:
+        values = dict(enumerate(table.head(range(len(names)), most + 1)))
+    except LogError:  # then each column by itself
+        for number in range(len(names)):
+            try:
+                (values[number],) = table.head([number], most + 1)
+            except LogError as problem:
+                problems[number] = problem
+        if not values:
+            raise problems[len(names) - 1] from None
+    rows = max((min(column.size, most) for column in values.values()), default=0)
+    columns = [
+        Column(number, name, Kind.TEXT, rows, rows, problem=str(problems[number]).removeprefix(f"{table.path}: "))
+        if number in problems
+        else describe(number, name, values[number][:most])
+        for number, name in enumerate(names)
+    ]
+    whole = all(column.size <= most for column in values.values())
+    return Contents(tuple(columns), {number: column[:most] for number, column in values.items()}, whole)
 
 
 GAP = 1.5  # interval of a steady clock from which on a sample is lost [usual intervals]
@@ -215,42 +196,37 @@ def _clock(table: Table, contents: Contents, column: Column, guess: str) -> Cloc
     unit = StampUnit(1.0) if column.number in table.in_seconds else unit_of_stamps(column.name, stamps)
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(stamps)
-    rising = steps[steps > 0.0]
+    rises = np.flatnonzero(steps > 0.0)
+    rising = steps[rises]
     usual = float(np.median(rising)) if rising.size else np.nan
     regular = rising[rising <= GAP * usual]
     if regular.size and regular.std() > STEADY * usual:
         regular = rising[rising <= LOST * usual]
-    known = stamps[np.isfinite(stamps)]
+    known, dt = stamps[np.isfinite(stamps)], usual
+    if rising.size > 1 and np.count_nonzero(steps == 0.0) > rising.size:  # too coarse to tell most rows apart
+        first, last = rises[0] + 1, rises[-1] + 1
+        dt = float((stamps[last] - stamps[first]) / (last - first))
     return Clock(
         column=column,
         guess=guess,
         unit=unit.seconds,
         doubt=unit.doubt,
-        dt=float(f"{_usual_interval(stamps, steps, usual) * unit.seconds:.9g}"),
+        dt=float(f"{dt * unit.seconds:.9g}"),
         jitter=float(regular.std()) * unit.seconds if regular.size else np.nan,
         gaps=int(rising.size - regular.size),
         longest=float(rising.max()) * unit.seconds if rising.size else np.nan,
         backward=int(steps.size - rising.size),
         duration=float(known.max() - known.min()) * unit.seconds if known.size else np.nan,
-        problem=unit.doubt if unit.refused else _refusal(table, column.name, stamps),
+        problem=unit.doubt if unit.refused else _refusal(table, column.number, stamps),
     )
 
 
-def _usual_interval(stamps: FloatArray, steps: FloatArray, usual: float) -> float:
-    """Return the usual interval of the rows: less than that of stamps too coarse to tell most rows apart."""
-    rises = np.flatnonzero(steps > 0.0)
-    if rises.size < 2 or not np.count_nonzero(steps == 0.0) > rises.size:
-        return usual
-    first, last = rises[0] + 1, rises[-1] + 1
-    return float((stamps[last] - stamps[first]) / (last - first))
-
-
-def _refusal(table: Table, name: str, stamps: FloatArray) -> str:
+def _refusal(table: Table, number: int, stamps: FloatArray) -> str:
     """Return why these stamps give no sampling time; empty if they give one."""
     if stamps.size < 2:
         return "fewer than two stamps"
     try:
-        interval_of(table.path, name, stamps, table.describe_row)
+        interval_of(table, number, stamps)
     except LogError as problem:
         return str(problem).removeprefix(f"{table.path}: ")
     return ""

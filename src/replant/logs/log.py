@@ -86,9 +86,10 @@ class Log:
     rest: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("input", "output", "time", "reference"):
-            if getattr(self, name) is not None or name in ("input", "output"):
-                keep(self, name, vector)
+        optional = {"time": vector, "reference": vector, "begin": finite, "end": finite, "irregular": truth}
+        for name, check in {"input": vector, "output": vector, **optional}.items():
+            if name not in optional or getattr(self, name) is not None:
+                keep(self, name, check)
         keep(self, "dt", duration)
         for name in ("input_name", "output_name", "reference_name", "sha256"):
             keep(self, name, text)
@@ -107,14 +108,9 @@ class Log:
             raise InvalidArgumentError(
                 f"input, output, time, reference and others must have the same length, got {sizes}"
             )
-        for name in ("begin", "end"):
-            if getattr(self, name) is not None:
-                keep(self, name, finite)
         object.__setattr__(self, "path", Path(file_path("path", self.path)))
         keep(self, "earlier", whole, 0, 2**62)
         keep(self, "rest", whole, 0, self.input.size)
-        if self.irregular is not None:
-            keep(self, "irregular", truth)
         keep(self, "input_hold", one_of, ("zoh", "foh"))
 
     def __len__(self) -> int:

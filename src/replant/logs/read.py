@@ -193,16 +193,17 @@ def open_recording(
     rows = arrays[0].size
     for (role, number), column in zip(roles.items(), arrays, strict=True):
         if role != "time" and not any(np.isfinite(part).any() for (part,) in in_parts([column])):
-            raise LogError(
-                f"{table.path}: column {shown(table.names[number])} has no number in {rows:,} rows; "
-                f"choose another column as the {role.split()[0]}, or record the log again"
+            raise table.error(
+                number,
+                f" has no number in {rows:,} rows; choose another column as the {role.split()[0]}, or record the log "
+                "again",
             )
     irregularity, unit, doubt = "", StampUnit(1.0), ""
     if stamped := "time" in roles:
-        name, stamps = table.names[roles["time"]], arrays[-1]
-        interval, irregularity = interval_of(table.path, name, stamps, table.describe_row)
+        stamps = arrays[-1]
+        interval, irregularity = interval_of(table, roles["time"], stamps)
         unit = checked_unit(table, roles["time"], stamps)
-        doubt = f"column {name!r}: {unit.doubt}; {unit.remedy}" if unit.doubt else ""
+        doubt = f"column {table.names[roles['time']]!r}: {unit.doubt}; {unit.remedy}" if unit.doubt else ""
         step = float(f"{interval * unit.seconds:.12g}")
     assert step is not None
     columns = tuple(roles[role] for role in keys if role in _ROLES)
@@ -226,10 +227,11 @@ def open_recording(
 
 def _columns_by_role(inputs: Any, output: str | int, references: Any) -> dict[str, Any]:
     """Return the column of each role, further inputs and references as "input 2" and so on behind the first ones."""
-    roles = {"input": inputs} if references is None else {"input": inputs, "reference": references}
     keys: dict[str, Any] = {"input": None, "output": output}
     further: dict[str, Any] = {}
-    for role, given in roles.items():
+    for role, given in (("input", inputs), ("reference", references)):
+        if given is None and role == "reference":
+            continue
         several = [given] if isinstance(given, str | int) or not iterable(given) else list(given)
         if not several:
             raise InvalidArgumentError(f"{role} must name a column, got an empty list")
@@ -267,13 +269,11 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
 
 def _check_rows(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray]) -> None:
     """Raise `LogError` unless all columns have the same rows, two at least."""
-    first, rows = table.names[next(iter(roles.values()))], arrays[0].size
+    (first, *_), rows = roles.values(), arrays[0].size
     for number, column in zip(roles.values(), arrays, strict=True):
         if column.size != rows:
-            raise LogError(
-                f"{table.path}: column {shown(first)} has {rows} samples but {shown(table.names[number])} has "
-                f"{column.size}; choose columns of one length"
-            )
+            other = f"{shown(table.names[number])} has {column.size}"
+            raise table.error(first, f" has {rows} samples but {other}; choose columns of one length")
     if rows < 2:
         counted = "1 row" if rows == 1 else f"{rows} rows"
         raise LogError(f"{table.path}: {counted} of data where at least 2 are needed; record more samples")
@@ -281,29 +281,27 @@ def _check_rows(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray
 
 def _check_distinct(table: Table, roles: dict[str, int]) -> None:
     for kind in ("input", "reference"):
-        places = [number for role, number in roles.items() if role.split()[0] == kind]
+        places = list(dict.fromkeys(number for role, number in roles.items() if role.split()[0] == kind))
         names = [table.names[number] for number in places]
-        if len(set(names)) < len(set(places)):
+        if len(set(names)) < len(places):
             raise LogError(
                 f"{table.path}: columns {', '.join(map(str, places))} are to be {kind}s, and are called "
                 f"{', '.join(map(shown, names))}: give each a name of its own"
             )
     chosen: dict[int, str] = {}
     for role, number in roles.items():
-        name, kind = shown(table.names[number]), role.split()[0]
-        before = chosen.setdefault(number, role)
+        kind, before = role.split()[0], chosen.setdefault(number, role)
         if before != role and {before, role} <= {*_ROLES, "time"}:
+            name = shown(table.names[number])
             raise LogError(
                 f"{table.path}: {before} and {role} are the same column {name}; choose two different columns"
             )
         if before != role:
             was, is_now = (_ROLES.get(each.split()[0], each) for each in (before, role))
             both = f"{was} twice" if was == is_now else f"{was} and {is_now}"
-            raise LogError(f"{table.path}: column {name} is {both}: name each column once")
+            raise table.error(number, f" is {both}: name each column once")
         if role != "time" and number in table.in_seconds:
-            raise LogError(
-                f"{table.path}: column {name} holds dates or times, no samples; choose another column as the {kind}"
-            )
+            raise table.error(number, f" holds dates or times, no samples; choose another column as the {kind}")
 
 
 def _find_time(table: Table, roles: dict[str, int]) -> int:

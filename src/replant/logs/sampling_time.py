@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from numbers import Real
-from pathlib import Path
 
 import numpy as np
 
-from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.logs.table import Table, forget
 from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray, number
@@ -67,14 +66,14 @@ def check_dt(dt: object) -> float:
     return duration("the sampling time (dt, --dt)", step)
 
 
-def interval_of(path: Path, name: str, stamps: FloatArray, describe_row: Callable[[int], str]) -> tuple[float, str]:
+def interval_of(table: Table, number: int, stamps: FloatArray) -> tuple[float, str]:
     """Return the interval of time stamps (K,), which must increase, and where the clock is first irregular, in words.
 
     Of a regular clock it is the mean, and there are no words; of an irregular one it is the median.
     """
     resolution, median, least, most = StampResolution(), math.nan, math.inf, -math.inf
     for first, part in _parts(stamps):
-        _check_increasing(path, name, part, first, describe_row)
+        _check_increasing(table, number, part, first)
         resolution.add(part)
         steps = np.diff(part)
         median = float(np.median(steps)) if math.isnan(median) else median
@@ -89,8 +88,8 @@ def interval_of(path: Path, name: str, stamps: FloatArray, describe_row: Callabl
     allowed *= 1.001  # the sum of both is often met exactly
     row, step = _first_beyond(stamps, median, allowed if deviation > allowed else TOLERANCE * median)
     interval = _without_noise(median, max(abs(float(stamps[0])), abs(float(stamps[-1]))))
-    irregularity = f"irregular time stamps, {step:.6g} after the one before where {interval:.6g} is usual"
-    return interval, f"{path}: {describe_row(row)}, column {shown(name)}: {irregularity}"
+    irregularity = f": irregular time stamps, {step:.6g} after the one before where {interval:.6g} is usual"
+    return interval, str(table.error(number, irregularity, row))
 
 
 def _parts(stamps: FloatArray) -> Iterator[tuple[int, FloatArray]]:
@@ -108,9 +107,7 @@ def _rounded(interval: float) -> float:
 def _without_noise(interval: float, largest: float) -> float:
     """Return an interval of an irregular clock without the digits that float64 made of stamps up to ``largest``."""
     noise = 2.0 * math.ulp(largest)
-    if noise > FINE * interval:
-        return _rounded(interval)
-    return _rounded(round(interval, math.floor(-math.log10(noise))))
+    return _rounded(interval if noise > FINE * interval else round(interval, math.floor(-math.log10(noise))))
 
 
 def _first_beyond(stamps: FloatArray, median: float, allowed: float) -> tuple[int, float]:
@@ -124,9 +121,7 @@ def _first_beyond(stamps: FloatArray, median: float, allowed: float) -> tuple[in
     raise AssertionError("one interval is the largest deviation")
 
 
-def _check_increasing(
-    path: Path, name: str, stamps: FloatArray, first: int, describe_row: Callable[[int], str]
-) -> None:
+def _check_increasing(table: Table, number: int, stamps: FloatArray, first: int) -> None:
     finite = np.abs(stamps) < _ENDLESS
     steps, remedy = np.diff(stamps), _REMEDY
     if not finite.all():
@@ -142,7 +137,7 @@ def _check_increasing(
             remedy = _BEGINS_ANEW
     else:
         return
-    raise LogError(f"{path}: {describe_row(first + row)}, column {shown(name)}: the time stamp {what}; {remedy}")
+    raise table.error(number, f": the time stamp {what}; {remedy}", first + row)
 
 
 LATEST = 1e11  # stamp beyond which the unit cannot be the one taken: in seconds since 1970 it is the year 5138 [s]
@@ -213,7 +208,7 @@ def checked_unit(table: Table, number: int, stamps: FloatArray) -> StampUnit:
         return StampUnit(1.0)
     unit = unit_of_stamps(table.names[number], stamps[:FIRST])
     if unit.refused:
-        raise LogError(f"{table.path}: column {shown(table.names[number])}: {unit.doubt}; {unit.remedy}")
+        raise table.error(number, f": {unit.doubt}; {unit.remedy}")
     return unit
 
 
