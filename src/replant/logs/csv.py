@@ -159,19 +159,23 @@ def read(path: Path) -> Table:
 
 
 def _blocks(layout: Layout, columns: Sequence[int]) -> Iterator[Arrays]:
-    """Yield the columns of whole lines; blank lines and comments are skipped."""
-    for first, text in _texts(layout):
-        decoded = _decoded(layout, text)
-        if first < layout.data_line:
-            above, first = layout.data_line - first, layout.data_line
-            decoded = "\n".join(decoded.split("\n")[above:])
-        yield _parse_in_c(layout, decoded, columns) or _parse(layout, decoded, first, columns)
+    return (_parse(layout, text, first, columns) for first, text in _texts(layout))
 
 
-def _parse(layout: Layout, text: str, first: int, columns: Sequence[int]) -> Arrays:
-    """Parse a block, whose first line is number ``first``, in Python."""
-    lines = enumerate(text.split("\n"), first)
-    rows = [(number, _split(layout, number, line)) for number, line in lines if is_data(line)]
+def _parse(layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> Arrays:
+    """Turn lines, the first of them number ``first``, into an array for each column; skip blank lines and comments."""
+    decoded = _decoded(layout, text)
+    if first < layout.data_line:
+        above, first = layout.data_line - first, layout.data_line
+        decoded = "\n".join(decoded.split("\n")[above:])
+    values = _parse_in_c(layout, decoded, columns)
+    if values is not None:
+        return values
+    rows = [
+        (number, _split(layout, number, line))
+        for number, line in enumerate(decoded.split("\n"), first)
+        if is_data(line)
+    ]
     for number, row in rows:
         if len(row) != len(layout.names):
             _check_width(layout, number, row)

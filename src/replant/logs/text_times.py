@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from functools import lru_cache
@@ -66,33 +66,30 @@ class StampFormat:
         """Whether the clock is that of a place, which daylight saving time may turn."""
         return "c" in self.parts and "z" not in self.parts
 
-    def seconds(self, cells: Sequence[str]) -> FloatArray:
+    def seconds(self, cells: Iterable[str]) -> FloatArray:
         """Return the seconds since the first stamp, from whole nanoseconds; a missing cell is NaN."""
-        seconds = np.full(len(cells), np.nan)
-        for index, cell in enumerate(cells):
-            if is_missing(cell):
-                continue
-            try:
-                stamp = parse_stamp(cell, bool(self.month_first))
-            except ValueError:
-                raise CellError(index, f"{quote(cell)} is no date or clock time; {READ}") from None
-            self._check(index, cell, stamp)
-            seconds[index] = float(stamp.nanoseconds - self.first.nanoseconds) / _NANOSECOND
-        return seconds
+        return np.fromiter((self._seconds_of(at, cell) for at, cell in enumerate(cells)), np.float64)
 
-    def _check(self, index: int, cell: str, stamp: Stamp) -> None:
+    def _seconds_of(self, at: int, cell: str) -> float:
+        if is_missing(cell):
+            return math.nan
+        try:
+            stamp = parse_stamp(cell, bool(self.month_first))
+        except ValueError:
+            raise CellError(at, f"{quote(cell)} is no date or clock time; {READ}") from None
         if stamp.parts != self.parts:
             raise CellError(
-                index,
+                at,
                 f"{quote(cell)} has not the form of the first time stamp (date, clock time and zone are in all stamps "
                 "or in none); write all stamps alike",
             )
         if self.month_first is None and (stamp.day, stamp.month) != (self.first.day, self.first.month):
             raise CellError(
-                index,
+                at,
                 f"{quote(cell)}: the day may come first or the month; write dates as year-month-day, or give the "
                 "sampling time (dt, --dt)",
             )
+        return float(stamp.nanoseconds - self.first.nanoseconds) / _NANOSECOND
 
 
 def is_missing(cell: str) -> bool:

@@ -105,7 +105,7 @@ def _table(path: Path, title: str, names: tuple[str, ...], first: int, columns: 
     def column(number: int) -> FloatArray:
         try:
             form, cells = forms.get(number), columns[number]
-            return _numbers(cells) if form is None else form.seconds(list(map(_text, cells)))
+            return _numbers(cells) if form is None else form.seconds(map(_text, cells))
         except CellError as error:
             raise table.error(number, f": {error}", error.at) from None
 
