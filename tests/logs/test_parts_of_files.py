@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from replant.errors import LogError
-from replant.logs import Table, open_recording
+from replant.logs import Table, open_recording, read_columns
 from replant.logs.merged_channels import Signal, channel_table, side_by_side
 from replant.logs.recording import joined
 from replant.logs.table import at_most
@@ -60,6 +60,12 @@ def test_stamps_of_files_that_count_from_their_own_dates_go_on_from_the_first() 
     undated = Table(Path("c.csv"), ("t",), lambda numbers: iter([[t]]), in_seconds=frozenset({0}))
     with pytest.raises(LogError, match="its dates or time stamps are counted from its own first row"):
         joined([one, undated])
+
+
+def test_json_lines_with_whole_dates_go_on_from_the_first_file(write: Write) -> None:
+    rows = [f'{{"t": "2024-05-01T10:00:0{k}", "u": {k}}}\n' for k in range(4)]
+    one, other = write("".join(rows[:2]), "a.jsonl"), write("".join(rows[2:]), "b.jsonl")
+    assert joined([read_columns(one), read_columns(other)]).column("t").tolist() == [0.0, 1.0, 2.0, 3.0]
 
 
 def test_channels_are_looked_at_side_by_side_at_the_stamps_of_the_finest() -> None:

@@ -67,10 +67,12 @@ STAMPS: dict[str, list[Any]] = {
     "times": [time(10, 0, k) for k in range(9)],
     "elapsed": [timedelta(hours=23, minutes=59 + k) for k in range(9)],
     "text": [f"2024-05-01T10:00:0{k}" for k in range(9)],
+    "both": [datetime(2024, 5, 1, 10, 0, k) if k % 2 else f"2024-05-01T10:00:0{k}" for k in range(9)],
+    "before a trigger": [timedelta(seconds=k - 4) for k in range(9)],
 }
 
 
-@every(("kind", "dt"), [*zip(STAMPS, [0.5, 86400.0, 1.0, 60.0, 1.0], strict=True)])
+@every(("kind", "dt"), [*zip(STAMPS, [0.5, 86400.0, 1.0, 60.0, 1.0, 1.0, 1.0], strict=True)])
 def test_cells_of_dates_and_times(tmp_path: Path, kind: str, dt: float) -> None:
     stamps = STAMPS[kind]
     path = save(tmp_path, [["when", "u", "y"], *([stamp, k, k] for k, stamp in enumerate(stamps))])
