@@ -219,19 +219,6 @@ def test_a_checkpoint_goes_on_to_the_bit(tmp_path: Path) -> None:
         rp.Identifier.from_bytes(bytes(damaged))
 
 
-def test_a_checkpoint_of_before_is_read_without_an_alarm() -> None:
-    """It has no sum of Page's test."""
-    u, y = record(5)
-    whole = begun()
-    whole.update_many(u[:600], y[:600])
-    plain, arrays = parts_of(whole._now)
-    arrays = arrays | {"counts": arrays["counts"][:-1], "squares": arrays["squares"][:1]}
-    older = rp.Identifier.from_bytes(encode_other(ROW, plain, arrays, None))
-    for each in (whole, older):
-        each.update_many(u[600:], y[600:])
-    np.testing.assert_array_equal(older.parameters, whole.parameters)
-
-
 @pytest.mark.parametrize(("name", "wrong"), [("counts", -1), ("squares", np.nan), ("squares", -1.0)])
 def test_an_alarm_that_cannot_be_is_damage(name: str, wrong: float) -> None:
     ident = begun()

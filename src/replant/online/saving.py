@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from replant.online.checkpoint.encoding import Progress
-from replant.online.checkpoint.files import AnyPath, newest_sound, write
+from replant.errors import CheckpointError, DamagedCheckpointError, MissingCheckpointError
+from replant.online.checkpoint.encoding import Progress, decode
+from replant.online.checkpoint.files import AnyPath, previous, read, write
 from replant.online.identifier import Identifier
 
 
@@ -43,5 +44,23 @@ def load(path: AnyPath) -> Loaded:
     >>> loaded.progress, loaded.used_previous
     ({'sequence': 17}, None)
     """
-    contents, used_previous = newest_sound(path)
-    return Loaded(Identifier._of(contents.attributes), contents.progress, used_previous)
+    try:
+        return _loaded(path)
+    except CheckpointError as error:
+        refused = error
+    try:
+        return _loaded(previous(path), str(refused))
+    except MissingCheckpointError:
+        raise refused from None
+    except CheckpointError as error:
+        kind = DamagedCheckpointError if isinstance(refused, DamagedCheckpointError) else CheckpointError
+        raise kind(f"{refused}; {error}") from error
+
+
+def _loaded(path: AnyPath, used_previous: str | None = None) -> Loaded:
+    data = read(path)
+    try:
+        contents = decode(data)
+        return Loaded(Identifier._of(contents.attributes), contents.progress, used_previous)
+    except DamagedCheckpointError as error:
+        raise DamagedCheckpointError(f"{path}: {error}") from error

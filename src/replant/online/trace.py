@@ -145,7 +145,7 @@ class Trace:
         """Return this trace joined with that of the next chunk."""
         if self.names != other.names:
             raise InvalidArgumentError(f"traces of different parameters: {self.names} and {other.names}")
-        return _joined((self, other))
+        return joined((self, other))
 
 
 class StartingTrace(Trace):
@@ -215,10 +215,10 @@ class BankTrace:
 
         Joined when it is asked for: the estimates of a start-up are solved for where somebody reads them.
         """
-        return tuple(_joined(each) for each in zip(*self.pieces, strict=True))
+        return tuple(joined(each) for each in zip(*self.pieces, strict=True))
 
 
-def _joined(traces: Sequence[Trace]) -> Trace:
+def joined(traces: Sequence[Trace]) -> Trace:
     """Return the trace of pieces that came one after the other."""
     first = traces[0]
     if len(traces) == 1:

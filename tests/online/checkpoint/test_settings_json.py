@@ -38,6 +38,15 @@ PLAIN = st.recursive(
 )
 
 
+def test_settings_in_plain_words() -> None:
+    assert to_plain("replay", rp.Replay(seed=3)) == {
+        "Replay": {"capacity": 20000, "batch_size": 20, "warmup": 20, "seed": 3}
+    }
+    assert to_plain("limits", (0.5, np.inf)) == {"tuple": [0.5, {"float": "inf"}]}
+    plain = {"Structure": {"poles": 2, "zeros": 1, "delay": 0.0, "bias": False, "feedthrough": False}}
+    assert from_plain(plain) == rp.Structure(2, 1)
+
+
 @given(PLAIN)
 def test_numbers_words_lists_and_tuples(value: Any) -> None:
     assert identical(round_trip(value), value)

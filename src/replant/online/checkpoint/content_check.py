@@ -18,15 +18,7 @@ from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.state import State
 from replant.estimation.optimizers import OPTIMIZERS, Optimizer
 from replant.estimation.optimizers.optimizer import Replay
-from replant.estimation.settings import (
-    AUTO,
-    DEFAULT_OPTIMIZER,
-    LONGEST_STARTUP,
-    STORED,
-    Request,
-    Scaling,
-    Settings,
-)
+from replant.estimation.settings import AUTO, DEFAULT_OPTIMIZER, LONGEST_STARTUP, STORED, Request, Scaling, Settings
 from replant.kernels.schema import (
     FIXED,
     LAGS,

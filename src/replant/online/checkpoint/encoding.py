@@ -69,10 +69,7 @@ OTHERS = ROW, BANK = "row", "bank"
 HEADER = LAYOUT, ATTRIBUTE, PROGRESS, ARRAYS = "layout", "attributes", "progress", "arrays"
 BACKGROUND = "background"  # whether a job is pending; only where there may be one
 OF_JOB = "job_"  # before the names of its arrays
-
-#: The arrays of an identifier, in their order, and their types.
-TYPES = {"ints": "<i8"}
-FLOAT = "<f8"
+INT, FLOAT = "<i8", "<f8"  # types of arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,41 +82,36 @@ class Contents:
 
 def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> bytes:
     """Return the bytes of an identifier with these attributes; equal identifiers give equal bytes."""
-    arrays, kept = _written(attributes[STATE], STATE_ARRAYS)
-    job, background = attributes.get("_job"), {}
-    if attributes.get("_background"):
-        background = {BACKGROUND: job is not None}
+    written, job = _written(attributes[STATE], STATE_ARRAYS), attributes.get("_job")
     if job is not None:
-        for both, some in zip((arrays, kept), _written(job.numbers, NUMBERS), strict=True):
-            both.update({OF_JOB + name: array for name, array in some.items()})
+        written |= {OF_JOB + name: each for name, each in _written(job.numbers, NUMBERS).items()}
     return _sealed(
-        background
+        ({BACKGROUND: job is not None} if attributes.get("_background") else {})
         | {
             LAYOUT: layout_of_state(),
             ATTRIBUTE: {name: to_plain("", attributes[name]) for name in ATTRIBUTES},
-            PROGRESS: {name: to_plain(f"progress[{name!r}]", value) for name, value in _checked(progress).items()},
-            ARRAYS: [[name, _type(name), list(arrays[name].shape), len(kept[name])] for name in arrays],
+            PROGRESS: _plain(progress),
+            ARRAYS: [[name, _type(name), list(array.shape), rows] for name, (array, rows) in written.items()],
         },
-        {name: np.asarray(array, _type(name)) for name, array in kept.items()},
+        {name: np.asarray(array[:rows], _type(name)) for name, (array, rows) in written.items()},
     )
 
 
-def _written(state: State, names: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return arrays of a state in the order in which they are stored, and their rows in use."""
+def _written(state: State, names: Sequence[str]) -> dict[str, tuple[Any, int]]:
+    """Return arrays of a state in the order in which they are stored, each with the number of its rows in use."""
     arrays = {name: getattr(state, name) for name in names}
-    arrays["reals"] = without_work(arrays["reals"], *work_of(arrays["ints"]))
-    written = {name: len(array) for name, array in arrays.items()}
-    written["buffer"] = state.buffer_filled  # searching a large buffer for its used rows would be slow
-    return arrays, {name: array[: _rows_in_use(array[: written[name]])] for name, array in arrays.items()}
+    arrays["reals"] = without_work(state.reals, *work_of(state.ints))
+    filled = {"buffer": state.buffer_filled}  # searching a large buffer for its used rows would be slow
+    return {name: (array, _rows_in_use(array[: filled.get(name)])) for name, array in arrays.items()}
 
 
 def encode_other(
     kind: str, plain: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]], progress: Progress | None
 ) -> bytes:
     """Return the bytes of an identifier of another kind: values in terms of JSON, and arrays of any names."""
-    written = {name: np.asarray(array, "<i8" if array.dtype.kind == "i" else FLOAT) for name, array in arrays.items()}
+    written = {name: np.asarray(array, INT if array.dtype.kind == "i" else FLOAT) for name, array in arrays.items()}
     shapes = [[name, array.dtype.str, list(array.shape)] for name, array in written.items()]
-    return _sealed({kind: plain, PROGRESS: _checked(progress), ARRAYS: shapes, LAYOUT: layout_of_state()}, written)
+    return _sealed({kind: plain, PROGRESS: _plain(progress), ARRAYS: shapes, LAYOUT: layout_of_state()}, written)
 
 
 def _sealed(content: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]]) -> bytes:
@@ -157,7 +149,11 @@ def described() -> Iterator[None]:
 
 
 def _type(name: str) -> str:
-    return TYPES.get(name.removeprefix(OF_JOB), FLOAT)
+    return INT if name.removeprefix(OF_JOB) == "ints" else FLOAT
+
+
+def _plain(progress: Progress | None) -> dict[str, Any]:
+    return {name: to_plain(f"progress[{name!r}]", value) for name, value in _checked(progress).items()}
 
 
 def _checked(progress: Progress | None) -> dict[str, int | float | str]:
@@ -235,11 +231,20 @@ def _finite(text: str) -> float:
 
 def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     """Return the content that header and arrays describe; settings are checked first, then sizes, then numbers."""
-    for entry in OTHERS:
-        if entry in header:
-            return _other(entry, header, body)
-    if set(header) - {BACKGROUND} != set(HEADER) or type(header.get(BACKGROUND, False)) is not bool:
+    other = next((entry for entry in OTHERS if entry in header), None)
+    entries, more = (set(HEADER), {BACKGROUND}) if other is None else ({other, LAYOUT, PROGRESS, ARRAYS}, set())
+    if set(header) - more != entries or type(header.get(BACKGROUND, False)) is not bool:
         raise DamagedCheckpointError("its header has other entries")
+    if header[LAYOUT] != layout_of_state():
+        raise DamagedCheckpointError("it is of another version of replant, in which the state has another layout")
+    progress = _checked({name: from_plain(plain) for name, plain in header[PROGRESS].items()})
+    if other is None:
+        return Contents(_attributes(header, body), progress)
+    return Contents({other: header[other], ARRAYS: _arrays_of_any_names(header[ARRAYS], body)}, progress)
+
+
+def _attributes(header: dict[str, Any], body: memoryview) -> dict[str, Any]:
+    """Return the attributes of an identifier, checked."""
     attributes = {name: from_plain(plain) for name, plain in header[ATTRIBUTE].items()}
     for name, value in attributes.items():
         if isinstance(value, np.generic):  # earlier versions stored NumPy numbers as the caller had passed them
@@ -249,34 +254,10 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     for name, kind in ATTRIBUTES.items():
         if type(attributes[name]) not in (kind if isinstance(kind, tuple) else (kind,)):
             raise TypeError(f"{name.lstrip('_')} is a {type(attributes[name]).__name__}")
-    if header[LAYOUT] != layout_of_state():
-        raise DamagedCheckpointError("it is of another version of replant, in which the state has another layout")
     check_start(attributes["_request"], attributes["_hold"], reference=attributes["_reference"])
     state, job = _state(attributes, header[ARRAYS], body, has_job=header.get(BACKGROUND, False))
-    # a callable map is not stored
-    attributes |= {STATE: state, "_mapped": False}
-    if BACKGROUND in header:
-        attributes |= {"_background": True, "_job": job}
-    progress = {name: from_plain(plain) for name, plain in header[PROGRESS].items()}
-    return Contents(attributes, _checked(progress))
-
-
-def _other(entry: str, header: dict[str, Any], body: memoryview) -> Contents:
-    """Return the content that header and arrays of an identifier of another kind describe."""
-    if set(header) != {entry, PROGRESS, ARRAYS, LAYOUT}:
-        raise DamagedCheckpointError("its header has other entries")
-    if header[LAYOUT] != layout_of_state():
-        raise DamagedCheckpointError("it is of another version of replant, in which the state has another layout")
-    arrays, begin = {}, 0
-    for name, kind, shape in header[ARRAYS]:
-        if kind not in ("<i8", FLOAT) or any(type(size) is not int or size < 0 for size in shape):
-            raise ValueError(f"{name!r:.40} is declared as {kind!r:.40} {shape!r:.60}")
-        end = begin + 8 * math.prod(shape)
-        arrays[str(name)] = np.frombuffer(body[begin:end], kind).reshape(shape).astype(kind[1:])
-        begin = end
-    if begin != len(body):
-        raise DamagedCheckpointError(f"its arrays are declared as {begin} bytes, but it holds {len(body)}")
-    return Contents({entry: header[entry], ARRAYS: arrays}, _checked(header[PROGRESS]))
+    in_background = {"_background": True, "_job": job} if BACKGROUND in header else {}
+    return attributes | {STATE: state, "_mapped": False} | in_background  # a callable map is not stored
 
 
 def _state(
@@ -287,36 +268,47 @@ def _state(
     request, reference, resolve_at = attributes["_request"], attributes["_reference"], attributes["_resolve_at"]
     if settings is not None:
         check_settings(settings, request, reference=reference)
-    *_, (_, _, _, rows), (_, _, (room, *_), samples) = declared[
-        : len(STATE_ARRAYS)
-    ]  # of buffer and raw samples; no row in use is all zero
+    elif has_job:
+        raise DamagedCheckpointError("it has a model in work, and no record yet")
+    # rows in use of buffer and raw samples: no row in use is all zero
+    *_, (_, _, _, rows), (_, _, (room, *_), samples) = declared[: len(STATE_ARRAYS)]
     sizes = sizes_of(settings, request, room if type(room) is int else 0, reference=reference)
     shapes = {name: sizes.shapes[name] for name in STATE_ARRAYS}
     of_job = {OF_JOB + name: sizes.shapes[name] for name in NUMBERS} if has_job else {}
-    arrays = _arrays(declared, body, shapes | of_job)
-    begins = sizes.begins
-    for name in ("reals", OF_JOB + "reals")[: 1 + has_job]:
+    arrays, begins = _arrays(declared, body, shapes | of_job), sizes.begins
+    for name in {"reals", f"{OF_JOB}reals"} & set(arrays):
         arrays[name] = with_work(arrays[name], begins[StateSlots.backup], begins[StateSlots.past])
-    numbers = [arrays.pop(name) for name in of_job]
-    state = State(**arrays)
+    state = State(**{name: arrays[name] for name in shapes})
     if not 0 <= state.buffer_filled <= rows:
         raise DamagedCheckpointError("its buffer holds fewer samples than its state says")
-    if settings is not None:
-        if not has_job:
-            check_state(state, settings, resolve_at, request.history)
-            return state, None
-        begun = state_of(numbers, state.recent)
+    if settings is None:
+        if not 0 <= min(state.samples, len(state.recent)) <= samples:
+            raise DamagedCheckpointError("it has collected fewer samples than its state says")
+        check_collected(state, request, resolve_at, reference=reference)
+        return state, None
+    job = None
+    if has_job:
+        begun = state_of([arrays[name] for name in of_job], state.recent)
         check_state(begun, settings, resolve_at, request.history, has_job=True)
         job = Job.of(begun)
-        check_state(state, settings, resolve_at, request.history, has_job=True)
+    check_state(state, settings, resolve_at, request.history, has_job=has_job)
+    if job is not None:
         check_job(job, state)
-        return state, job
-    if not 0 <= min(state.samples, len(state.recent)) <= samples:
-        raise DamagedCheckpointError("it has collected fewer samples than its state says")
-    check_collected(state, request, resolve_at, reference=reference)
-    if has_job:
-        raise DamagedCheckpointError("it has a model in work, and no record yet")
-    return state, None
+    return state, job
+
+
+def _arrays_of_any_names(declared: list[Any], body: memoryview) -> dict[str, Any]:
+    """Return the arrays of an identifier of another kind, which checks their shapes."""
+    arrays, begin = {}, 0
+    for name, kind, shape in declared:
+        if kind not in (INT, FLOAT) or any(type(size) is not int or size < 0 for size in shape):
+            raise ValueError(f"{name!r:.40} is declared as {kind!r:.40} {shape!r:.60}")
+        end = begin + 8 * math.prod(shape)
+        arrays[str(name)] = np.frombuffer(body[begin:end], kind).reshape(shape).astype(kind[1:])
+        begin = end
+    if begin != len(body):
+        raise DamagedCheckpointError(f"its arrays are declared as {begin} bytes, but it holds {len(body)}")
+    return arrays
 
 
 def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, ...]]) -> dict[str, Any]:
@@ -325,10 +317,8 @@ def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, 
         raise ValueError("other arrays")
     if sum(8 * math.prod(shape) for shape in shapes.values()) > LARGEST:
         raise DamagedCheckpointError("its settings need arrays that are too large")
-    sizes = []
     for name, kind, shape, rows in declared:
-        whole = [*shape, rows]
-        if kind != _type(name) or not shape or any(type(size) is not int or size < 0 for size in whole):
+        if kind != _type(name) or not shape or any(type(size) is not int or size < 0 for size in [*shape, rows]):
             raise ValueError(f"{name} is declared as {kind!r:.40} {shape!r:.60}")
         if tuple(shape) != shapes[name]:
             raise DamagedCheckpointError(
@@ -336,13 +326,13 @@ def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, 
             )
         if rows > shape[0]:
             raise ValueError(f"{name} is declared too large")
-        sizes.append(rows * math.prod(shape[1:]))
-    if 8 * sum(sizes) != len(body):
-        raise DamagedCheckpointError(f"its arrays are declared as {8 * sum(sizes)} bytes, but it holds {len(body)}")
+    stored = sum(8 * rows * math.prod(shape[1:]) for _, _, shape, rows in declared)
+    if stored != len(body):
+        raise DamagedCheckpointError(f"its arrays are declared as {stored} bytes, but it holds {len(body)}")
     arrays, start = {}, 0
-    for (name, kind, shape, rows), size in zip(declared, sizes, strict=True):
-        array = np.zeros(shape, np.dtype(kind).newbyteorder("="))
-        array[:rows] = np.frombuffer(body, kind, size, 8 * start).reshape(rows, *shape[1:])
-        arrays[name] = array
-        start += size
+    for name, kind, shape, rows in declared:
+        array = arrays[name] = np.zeros(shape, np.dtype(kind).newbyteorder("="))
+        used = array[:rows]
+        used[:] = np.frombuffer(body, kind, used.size, start).reshape(used.shape)
+        start += used.nbytes
     return arrays

@@ -17,10 +17,9 @@ import shutil
 import stat
 from pathlib import Path
 
-from replant.errors import CheckpointError, DamagedCheckpointError, MissingCheckpointError
+from replant.errors import CheckpointError, MissingCheckpointError
 from replant.numerics.limits import file_path
 from replant.numerics.operating_system import reason_of
-from replant.online.checkpoint.encoding import Contents, decode
 
 AnyPath = str | os.PathLike[str]
 
@@ -123,26 +122,3 @@ def _sync_folder(folder: Path) -> None:
             raise
     finally:
         os.close(descriptor)
-
-
-def newest_sound(path: AnyPath) -> tuple[Contents, str | None]:
-    """Return the checkpoint under ``path`` and None, or the previous one and why that under ``path`` cannot be used."""
-    try:
-        return _decoded(path), None
-    except CheckpointError as error:
-        refused = error
-    try:
-        return _decoded(previous(path)), str(refused)
-    except MissingCheckpointError:
-        raise refused from None
-    except CheckpointError as error:
-        kind = DamagedCheckpointError if isinstance(refused, DamagedCheckpointError) else CheckpointError
-        raise kind(f"{refused}; {error}") from error
-
-
-def _decoded(path: AnyPath) -> Contents:
-    data = read(path)
-    try:
-        return decode(data)
-    except DamagedCheckpointError as error:
-        raise DamagedCheckpointError(f"{path}: {error}") from error

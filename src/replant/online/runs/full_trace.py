@@ -12,7 +12,7 @@ import numpy as np
 
 from replant.errors import LogError, MissingDependencyError
 from replant.logs.arrow import CHECKED, SUFFIXES
-from replant.online.trace import Trace
+from replant.online.trace import Trace, joined
 
 GROUP_ROWS = 1 << 17  # rows of a row group: what is held before it is written [rows]
 
@@ -77,17 +77,15 @@ class FullTrace:
         import pyarrow
         from pyarrow import parquet
 
-        parameters = np.concatenate([trace.parameters for trace in self._held])
-        errors = np.concatenate([trace.errors for trace in self._held])
-        clock = self._dt * np.arange(self._rows, self._rows + errors.size)
-        stamps = [trace.time for trace in self._held if trace.time is not None]
-        columns: dict[str, Any] = {"time [s]": np.concatenate(stamps) if len(stamps) == len(self._held) else clock}
-        columns |= {name: parameters[:, i].copy() for i, name in enumerate(self._held[0].names)}
-        table = pyarrow.table({**columns, "error": errors})
+        whole = joined(self._held)
+        clock = self._dt * np.arange(self._rows, self._rows + len(whole))
+        columns: dict[str, Any] = {"time [s]": clock if whole.time is None else whole.time}
+        columns |= {name: whole.parameters[:, i].copy() for i, name in enumerate(whole.names)}
+        table = pyarrow.table({**columns, "error": whole.errors})
         if self._writer is None:
             self._writer = parquet.ParquetWriter(self._unfinished, table.schema, **CHECKED)
         self._writer.write_table(table)
-        self._rows += errors.size
+        self._rows += len(whole)
         self._held = []
 
     @contextlib.contextmanager
