@@ -27,8 +27,7 @@ from replant.estimation.simulation.fitted_run import FITTED
 from replant.logs import open_recording
 from replant.model.preprocess import Preprocess
 from replant.model.state_space import Response
-from replant.online.runs.run import CHUNK, run_source
-from replant.online.runs.thinning import Arrays
+from replant.online.runs.run import CHUNK, Arrays, run_source
 
 DT = 0.01
 PLANT = rp.TransferFunction([2.0, 6.0], [1.0, 2.0, 5.0])

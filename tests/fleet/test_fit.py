@@ -22,8 +22,7 @@ from replant.fleet import worker
 from replant.fleet.job import Job
 from replant.fleet.store import Store
 from replant.numerics.operating_system import ENDING
-from replant.online.runs.run import run_source
-from replant.online.runs.thinning import Arrays
+from replant.online.runs.run import Arrays, run_source
 from support.cases import every
 from support.fleets import DT, as_csv, as_parquet, as_table, recorded, small_fleet
 from support.full_disk import full_disk

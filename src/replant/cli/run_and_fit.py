@@ -60,8 +60,7 @@ from replant.online.bank_weights import MOST
 from replant.online.runs.full_trace import FullTrace
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_source
-from replant.online.runs.run_log import judged_by_log
-from replant.online.runs.run_miso import first_model, run_row
+from replant.online.runs.run_log import first_model, judged_by_log, run_row
 from replant.report import results_as_text as as_text
 from replant.report.python_programs import fit_as_python, row_as_python
 

@@ -33,7 +33,7 @@ from replant.model.structure import Structure
 from replant.numerics.operating_system import refusal
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_source
-from replant.online.runs.run_miso import run_row
+from replant.online.runs.run_log import run_row
 
 
 def identify(rig: Rig, job: Job) -> Row:

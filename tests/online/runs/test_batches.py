@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as some
 
-from replant.online.runs.thinning import Arrays, batched
+from replant.online.runs.run import Arrays, batched
 
 
 @given(some.lists(some.integers(0, 30), max_size=12), some.integers(1, 25))

@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from replant.online.runs import thinning
-from replant.online.runs.thinning import Recorder
+from replant.online.runs import result
+from replant.online.runs.result import Recorder
 from support.cases import every
 
 
 @every("cuts", [[], [1], [400, 401, 700], [999]])
 def test_newest_samples_and_every_peak_are_kept(monkeypatch: pytest.MonkeyPatch, cuts: list[int]) -> None:
-    monkeypatch.setattr(thinning, "POINTS", 50)
+    monkeypatch.setattr(result, "POINTS", 50)
     u, y = np.random.default_rng(0).standard_normal((2, 1000))
     y[77] = 30.0
     model = 0.5 * y

@@ -14,6 +14,7 @@ from replant.numerics.robust import flags_of
 from replant.online.runs import run
 from replant.online.runs.result import Result
 from replant.online.runs.run import run_online, run_source
+from replant.online.runs.run_log import compare
 from replant.signals import prbs
 from replant.verdict import fit_percent
 from support.cases import every
@@ -213,3 +214,13 @@ def test_inputs_that_were_misread_do_not_drive_the_second_pass(at: list[int]) ->
     assert found.rejected["input leap"] == len(at)
     assert found.simulation.fit == pytest.approx(right.simulation.fit, abs=0.2)
     assert found.model.output_level == pytest.approx(right.model.output_level, abs=0.2)
+
+
+def test_methods_on_the_same_record() -> None:
+    u = np.where(np.arange(2000) // 50 % 2 == 0, 1.0, -1.0)
+    y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1)
+    found = compare(Request(rp.Structure(poles=1), 0.1), u, y, ["default", "srivc"])
+    assert [each.name for each in found] == ["default", "srivc"]
+    for each in found:
+        assert each.result is not None
+        assert each.result.parameters == pytest.approx([0.5, 2.0])

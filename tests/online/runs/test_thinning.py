@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from replant.plotting.over_time import thin
+from replant.plotting.over_time import Thinner, thin
 
 signals = some.lists(
     some.one_of(some.floats(-1e3, 1e3), some.just(np.nan), some.just(np.inf)), min_size=1, max_size=400
@@ -28,6 +28,13 @@ def test_every_stretch_keeps_its_extremes(signal: np.ndarray, points: int) -> No
             assert np.isnan(pair).all()
         else:
             assert {np.nanmin(pair), np.nanmax(pair)} == {finite.min(), finite.max()}
+
+
+def test_a_signal_that_comes_in_parts_is_thinned_alike() -> None:
+    signal, thinner = np.array([0.0, 0.0, 9.0, 0.0, 0.0, -7.0, 0.0, 0.0]), Thinner(length=8, points=4)
+    thinner.take(signal[:3])
+    thinner.take(signal[3:])
+    assert thinner.thinned.values.tolist() == thin(signal, points=4).values.tolist() == [0.0, 9.0, 0.0, -7.0]
 
 
 def test_extremes_come_in_the_order_of_time() -> None:

@@ -1,12 +1,13 @@
-"""The result of a run or of a fit, and the clock of its record."""
+"""The result of a run or of a fit, and what is kept of its record, which may come batch by batch."""
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -17,18 +18,17 @@ from replant.estimation.settings import Settings
 from replant.fitting.fit_result import FitResult
 from replant.fitting.model import Model, in_lines, with_picture
 from replant.logs.log import without_rest
-from replant.model.noise import NoiseModel
 from replant.model.preprocess import screen
 from replant.model.structure import Structure
-from replant.model.transfer_function import TransferFunction
-from replant.model.uncertainty import Uncertainty
-from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.robust import NONE, flags_of, joined, stretches_of
-from replant.online.runs.thinning import Overview
+from replant.plotting.over_time import POINTS, Thinned, Thinner
 from replant.verdict import Assessment, Simulation
 
 if TYPE_CHECKING:
     from replant.online.bank_weights import Lead
+
+T = TypeVar("T")
 
 KNOTS = 36_000  # stamps kept of a record that is too long for memory: as many as its overview has points [count]
 
@@ -38,9 +38,9 @@ class Clock:
     """When each sample of a record was taken, in s since the first one."""
 
     dt: float  # sampling time in s; of an irregular clock the usual interval
-    # places, times: (V,): numbers of samples, ascending, and their times in s; None for a regular clock
-    places: FloatArray | None = None
-    times: FloatArray | None = None
+    # places, times: (V,): numbers of samples, ascending, and their times in s; of a regular clock the first sample's
+    places: FloatArray = field(default_factory=lambda: np.zeros(1))
+    times: FloatArray = field(default_factory=lambda: np.zeros(1))
     # shortest, longest: least and greatest interval of an irregular clock in s; NaN for a regular one
     shortest: float = math.nan
     longest: float = math.nan
@@ -57,38 +57,29 @@ class Clock:
     @property
     def gaps(self) -> FloatArray:
         """Begin and end of the gaps in s, (G, 2), see `gaps_of`."""
-        if self.times is None:
-            return np.zeros((0, 2))
         ends = self._ends_of_gaps
         return np.column_stack([self.times[ends - 1], self.times[ends]])
 
     @cached_property
     def _ends_of_gaps(self) -> IntArray:
         """Which of the knots are the first ones behind a gap, (G,)."""
-        if self.places is None or self.times is None:
-            return np.zeros(0, np.int64)
         between = np.diff(self.times) - self.dt * (np.diff(self.places) - 1.0)
         return gaps_of(np.append(self.dt, between), self.dt)
 
     @property
     def irregular(self) -> bool:
         """Whether the clock is irregular."""
-        return self.times is not None
+        return not math.isnan(self.shortest)
 
     def at(self, samples: npt.ArrayLike) -> FloatArray:
         """Return the time in s of samples (V,), numbered from 0; fractions lie between two samples."""
         samples = np.asarray(samples, np.float64)
-        if self.places is None or self.times is None:
-            return np.asarray(self.dt * samples)
         beyond = self.dt * (np.minimum(samples, 0.0) + np.maximum(samples - self.places[-1], 0.0))
         found = np.interp(samples, self.places, self.times) + beyond
-        ends = self._ends_of_gaps
-        if not ends.size:
-            return np.asarray(found)
         after = np.searchsorted(self.places, samples)  # no fraction of a sample lies within a gap
         before = np.maximum(after - 1, 0)
         held = self.times[before] + self.dt * (samples - self.places[before])
-        inside = np.isin(after, ends) & (samples < self.places[np.minimum(after, self.places.size - 1)])
+        inside = np.isin(after, self._ends_of_gaps) & (samples < self.places[np.minimum(after, self.places.size - 1)])
         return np.where(inside, held, found)
 
     def after(self, counts: npt.ArrayLike) -> FloatArray:
@@ -140,6 +131,73 @@ class ClockRecorder:
         return Clock(self._dt, places, times, self._shortest, self._longest)
 
 
+@dataclass(frozen=True, eq=False)
+class Overview:
+    """What is kept of a record that is too long for memory."""
+
+    # input, output, model, residual: raw input, measured and simulated output, and their difference, over the whole
+    # record
+    input: Thinned
+    output: Thinned
+    model: Thinned
+    residual: Thinned
+    newest_input: FloatArray  # newest_input, newest_output: (N,): the newest samples, unchanged
+    newest_output: FloatArray
+    samples: int  # samples of the record
+    # (N,): of an irregular clock: when the newest samples were taken, in s since the first sample of the record
+    newest_times: FloatArray | None = None
+
+
+class Recorder:
+    """Collects the overview of a record and of its modelled output, which come batch by batch."""
+
+    def __init__(self, length: int, newest: int | None = None) -> None:
+        self.samples = 0
+        self._newest = length if newest is None else newest
+        self._kept: list[tuple[FloatArray, ...]] = []
+        self._began: float | None = None
+        self._thinners = [Thinner(length, POINTS) for _ in range(4)] if self._newest < length else []
+
+    def take(
+        self,
+        u: FloatArray,
+        y: FloatArray,
+        modelled: FloatArray,
+        used: BoolArray | np.bool_ = np.True_,
+        t: FloatArray | None = None,
+    ) -> None:
+        """Take the next samples."""
+        if t is not None and self._began is None and t.size:
+            self._began = float(t[0])
+        self._kept.append((u, y, modelled) if t is None else (u, y, modelled, t))
+        self.samples += u.size
+        while sum(part[0].size for part in self._kept[1:]) >= max(self._newest, 1):
+            del self._kept[0]
+        if self._thinners:
+            with np.errstate(over="ignore", invalid="ignore"):
+                signals = (u, y, modelled, np.where(used, y - modelled, np.nan))
+            for thinner, signal in zip(self._thinners, signals, strict=True):
+                thinner.take(signal)
+
+    def output(self, shift: float) -> FloatArray:
+        """Return the newest samples of the modelled output, ``shift`` added."""
+        return self._last(2) + shift
+
+    def overview(self, shift: float) -> Overview | None:
+        """Return the overview, ``shift`` added to the modelled output; None if every sample is kept."""
+        if not self._thinners:
+            return None
+        u, y, model, residual = (thinner.thinned for thinner in self._thinners)
+        model = replace(model, values=model.values + shift)
+        residual = replace(residual, values=residual.values - shift)
+        times = None if self._began is None else self._last(3) - self._began
+        return Overview(u, y, model, residual, self._last(0), self._last(1), self.samples, times)
+
+    def _last(self, which: int) -> FloatArray:
+        whole = np.concatenate([np.empty(0), *(part[which] for part in self._kept)])
+        return whole[max(0, whole.size - self._newest) :]
+
+
 MOST_SHADES = 1000  # stretches left out that a plot tells apart [count]
 
 
@@ -159,6 +217,11 @@ class History:
     samples: np.ndarray[tuple[int], np.dtype[np.int64]]
     parameters: FloatArray
     std: FloatArray | None = None
+
+
+def _of_model(read: Callable[[Model], T], meaning: str) -> T:
+    """Return the property that reads something of the model."""
+    return cast("T", property(lambda result: read(result.model), doc=meaning))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -217,6 +280,18 @@ class Result:
     weights: tuple[tuple[Structure, float], ...] = ()
     leads: tuple[Lead, ...] = ()
 
+    structure = _of_model(lambda model: model.structure, "The structure of the model.")
+    parameters = _of_model(lambda model: model.parameters, "The parameters (P,).")
+    transfer_function = _of_model(lambda model: model.transfer_function, "The model as G(s).")
+    covariance = _of_model(
+        lambda model: model.covariance, "Of the parameters (P, P), in their units squared, if the estimator gives it."
+    )
+    uncertainty = _of_model(
+        lambda model: model.uncertainty,
+        "Standard deviations of parameters, poles, gain and response, if the estimator gives them.",
+    )
+    noise = _of_model(lambda model: model.noise, "The model of the residual, where the method has one.")
+
     def without_rest(self, rest: int) -> Result:
         """Return the result with the counts of the record alone, before which `from_rest` put ``rest`` samples."""
         samples, rejected = self.samples - rest, without_rest(self.rejected, "no output", rest)
@@ -234,31 +309,6 @@ class Result:
     def _repr_html_(self) -> str:
         return with_picture(self.model)
 
-    @property
-    def structure(self) -> Structure:
-        """The structure of the model."""
-        return self.model.structure
-
-    @property
-    def parameters(self) -> FloatArray:
-        """The parameters (P,)."""
-        return self.model.parameters
-
-    @property
-    def transfer_function(self) -> TransferFunction:
-        """The model as G(s)."""
-        return self.model.transfer_function
-
-    @property
-    def covariance(self) -> FloatArray | None:
-        """Of the parameters (P, P), in their units squared, if the estimator gives it."""
-        return self.model.covariance
-
-    @property
-    def noise(self) -> NoiseModel | None:
-        """The model of the residual, where the method has one."""
-        return self.model.noise
-
     def left_out_over_time(self, dt: float) -> FloatArray:
         """Return begin and end of stretches left out, and of gaps, (L, 2) in s; those close together are joined."""
         samples = self.overview.samples if self.overview else self.simulation.output.size
@@ -272,11 +322,6 @@ class Result:
         first = (self.overview.samples if self.overview else y.size) - y.size
         with np.errstate(over="ignore", invalid="ignore"):
             return np.where(flags_of(self.left_out, first, y.size), np.nan, y - self.simulation.output)
-
-    @property
-    def uncertainty(self) -> Uncertainty | None:
-        """Standard deviations of parameters, poles, gain and response, if the estimator gives them."""
-        return self.model.uncertainty
 
     @property
     def fixed_filter(self) -> StateVariableFilter | None:
@@ -293,14 +338,6 @@ def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float,
     used = screen(fitted.preprocess.map_input(u), y)[0]
     used[fitted.outliers] = used[fitted.stuck] = False
     return Result(
-        fitted.model,
-        fitted.one_step,
-        fitted.simulation,
-        fitted.samples,
-        fitted.rejected,
-        fitted.verdict,
-        time.perf_counter() - begun,
-        left_out=stretches_of(~used),
-        loads=fitted.loads,
-        clock=Clock.of(fitted.dt, t),
-    )
+        fitted.model, fitted.one_step, fitted.simulation, fitted.samples, fitted.rejected, fitted.verdict,
+        time.perf_counter() - begun, left_out=stretches_of(~used), loads=fitted.loads, clock=Clock.of(fitted.dt, t),
+    )  # fmt: skip

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -18,17 +19,12 @@ from replant.model.preprocess import screen
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.linear_algebra import quiet
-from replant.numerics.robust import (
-    NONE,
-    flags_of,
-    stretches_of,
-)
+from replant.numerics.robust import NONE, flags_of, stretches_of
 from replant.online.bank import Bank
 from replant.online.bank_members import asked_for
 from replant.online.identifier import Identifier
 from replant.online.running_model import model_of
-from replant.online.runs.result import KNOTS, ClockRecorder, History, Result
-from replant.online.runs.thinning import Arrays, Batch, Recorder, Source, batched
+from replant.online.runs.result import KNOTS, ClockRecorder, History, Recorder, Result
 from replant.online.startup import settle
 from replant.online.trace import Trace
 from replant.verdict import Simulation
@@ -39,6 +35,70 @@ MOST_ROWS = 10_000  # rows of history kept: more than a plot can show [rows]
 SETTLED = 1_000_000  # samples looked at where choices are made from the record beforehand [samples]
 IDENTIFYING, TESTING = "identifying", "testing"  # the stages of a run
 BANDS = 200  # times that standard deviations are taken along the way [count]
+
+
+Batch = tuple[FloatArray, ...]  # input, output, the reference if there is one, the stamps if there are some; (K,) each
+
+
+class Source(Protocol):
+    """A record of known length whose batches, of any sizes, can be read repeatedly."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether every sample is finite."""
+
+    def batches(self) -> Iterator[Batch]:
+        """Yield raw input, output, the reference if there is one, and stamps in s if there are some, batch by batch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arrays:
+    """A record in memory as a source: input, output, perhaps a reference, perhaps stamps of an irregular clock (K,)."""
+
+    input: FloatArray
+    output: FloatArray
+    reference: FloatArray | None = None
+    stamps: FloatArray | None = None
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return self.input.size
+
+    @property
+    def complete(self) -> bool:
+        """Whether every sample is finite."""
+        return all(bool(np.isfinite(signal).all()) for batch in self.batches() for signal in batch)
+
+    def batches(self) -> Iterator[Batch]:
+        """Yield the record as one batch."""
+        every = self.input, self.output, self.reference, self.stamps
+        yield tuple(signal for signal in every if signal is not None)
+
+
+def batched(batches: Iterable[Batch], size: int) -> Iterator[Batch]:
+    """Yield a record in batches of ``size``, however it came, the last one shorter; of an empty one one batch."""
+    held: list[Batch] = []
+    some = False
+    for batch in batches:
+        held.append(batch)
+        while sum(part[0].size for part in held) >= size:
+            whole = _joined(held)
+            yield tuple(signal[:size] for signal in whole)
+            held, some = [tuple(signal[size:] for signal in whole)], True
+    rest = _joined(held)
+    if rest[0].size or not some:
+        yield rest
+
+
+def _joined(parts: list[Batch]) -> Batch:
+    if not parts:
+        return np.empty(0), np.empty(0)
+    return parts[0] if len(parts) == 1 else tuple(np.concatenate(signals) for signals in zip(*parts, strict=True))
 
 
 def run_online(
@@ -77,7 +137,7 @@ def run_source(
     """Identify a record of any length in one pass; a second pass simulates the model and computes its fits."""
     begun = time.perf_counter()
     given = asked_for(structures, {}) if structures else [{"structure": request.structure}]
-    requests = [dataclasses.replace(request, **each) for each in given]
+    requests = [replace(request, **each) for each in given]
     members = [_identifier(each, source, startup, irregular=irregular) for each in requests]
     bank = Bank(members) if structures else None
     histories = [_History(source.samples, each.structure.size) for each in members] if with_history else []
@@ -144,11 +204,10 @@ def _needs_stamps(request: Request, source: Source) -> bool:
 
 
 def _identifier(request: Request, source: Source, startup: int | None, *, irregular: bool) -> Identifier:
-    if startup is not None:
-        return Identifier(**vars(dataclasses.replace(request, startup=startup)))
-    if request.wants_instruments:
+    if startup is None and request.wants_instruments:
         startup = min(max(source.samples // 10, 1), LONGEST_STARTUP)
-        return Identifier(**vars(dataclasses.replace(request, startup=startup)))
+    if startup is not None:
+        return Identifier(**vars(replace(request, startup=startup)))
     first = next(batched(source.batches(), SETTLED), (np.empty(0), np.empty(0)))
     u, y, _, t = _signals(first, irregular=irregular)
     return Identifier(**settle(request, u, y, source.samples, t=t).arguments)

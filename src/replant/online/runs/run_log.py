@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,15 +11,19 @@ from typing import Any, overload
 import numpy as np
 
 from replant.errors import InvalidArgumentError, ReplantError
+from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.optimizers import OPTIMIZERS, Optimizer
 from replant.estimation.settings import AUTO, Request, filter_for
+from replant.estimation.simulation.miso import RowRecord
 from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult
-from replant.fitting.miso_fit import RowFit
+from replant.fitting.miso_fit import RowFit, check_numbers, columns_of, structures_of
+from replant.fitting.miso_model import evaluated
+from replant.fitting.miso_solve import references_of
 from replant.fitting.other_causes import judged_further
-from replant.fitting.samples import RawRecord
+from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
-from replant.logs.log import Log
+from replant.logs.log import Log, without_rest
 from replant.model.interop import in_our_words
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
@@ -28,9 +31,10 @@ from replant.numerics.arguments import FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
 from replant.numerics.robust import flags_of
 from replant.online.bank_members import asked_for
+from replant.online.miso_identifier import RowIdentifier
+from replant.online.miso_samples import RowClock, Screened
 from replant.online.runs.result import Result, result_of_fit
-from replant.online.runs.run import run_online
-from replant.online.runs.run_miso import run_row
+from replant.online.runs.run import CHUNK, run_online
 from replant.verdict.other_columns import other_columns
 from replant.verdict.verdict import Verdict
 
@@ -142,6 +146,58 @@ def run(
     return replace(result, model=result.model.of_log(given.input_name, given.output_name, given.source, given.sha256))
 
 
+def first_model(samples: int) -> int:
+    """Return from how many samples the first model is made where nobody says: a tenth, at most `RECENT`."""
+    return min(max(samples // 10, 1), RECENT)
+
+
+def run_row(
+    given: Samples,
+    orders: dict[str, Any],
+    startup: int | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> RowFit:
+    """Return the row that a `RowIdentifier` makes of a record; ``orders`` are poles, zeros and delay of each input."""
+    if given.begins:
+        raise InvalidArgumentError("a pass over several inputs takes one log: give one, or use fit for several")
+    u, y = columns_of(given.inputs), vector("y", given.y)
+    structures_of(u.shape[1], **orders)
+    for name, signal in (("u", u), ("t", given.t), ("reference", given.references)):
+        if signal is not None and len(signal) != y.size:
+            raise InvalidArgumentError(f"{name} has {len(signal)} rows and y {y.size} samples: give one row for each")
+    check_numbers(given, u, y, references_of(given.references, y.size))
+    t = None if given.t is None else increasing(given.t, y.size)
+    first = first_model(y.size) if startup is None else startup
+    ident = RowIdentifier(
+        dt=given.dt, startup=first, input_hold=given.input_hold, input_names=given.input_names, **orders
+    )  # fmt: skip
+    screened = Screened.of(RowClock(), u, y, t, np.empty((y.size, 0)), -np.inf, given.dt)
+    if t is None and not screened.is_taken.all():
+        t = given.dt * np.arange(y.size, dtype=np.float64)  # a sample that is left out takes its time nevertheless
+    for begin in range(0, y.size, CHUNK):
+        rows = slice(begin, begin + CHUNK)
+        stamps, references = (None if each is None else each[rows] for each in (t, given.references))
+        ident.update_many(u[rows], y[rows], stamps, references)
+        progress(min(begin + CHUNK, y.size))
+    if startup is None or not ident.has_model:
+        ident.finish()
+    names, taken = ident.request.input_names, np.flatnonzero(screened.is_taken)
+    of_newest = taken[taken.size - len(ident.recent[1]) :]
+    others = {name: each[of_newest] for name, each in given.unused.items()}
+    found = ident.fit_of_newest(others)
+    newest = ident.model if found is None else found.model
+    model = newest.of_log(names, given.output_name, given.source, given.sha256)
+    rejected = without_rest(dict(model.rejected), "no output", given.rest)
+    made = replace(model.provenance, samples=model.provenance.samples - given.rest)
+    model = replace(model, rejected=tuple(rejected.items()), provenance=made)
+    none, missing = np.zeros(0, np.int64), np.flatnonzero(~np.isfinite(y))
+    began, *loads = (int(taken[each]) for each in ident.begins)
+    ready = RowRecord.of(u, y, given.dt, t, given.input_hold, (began, *loads))
+    output = ready.simulated(*evaluated(model, ready))
+    output[:began] = np.nan  # what the estimate is not of
+    return RowFit(model, output, none, none, missing)
+
+
 def judged_by_log(result: Result, log: Log) -> Result:
     """Return the result of a run over a whole log; its verdict is told by all of that, as the one of `fit` is."""
     settings = result.settings
@@ -195,52 +251,32 @@ def compare(
     contenders = []
     for name in methods:
         name = one_of("method", name, METHODS)
-        r = reference if _uses_reference(name, request) else None
+        asked = request
+        if name not in OFFLINE:
+            asked = replace(request, optimizer=AUTO if name == DEFAULT else name)
+        r = reference if (name == "srivc" if name in OFFLINE else asked.takes_reference) else None
         with contextlib.suppress(ReplantError):  # a trial run first: loading kernels is not the method's time
             first_r, first_t = (None if signal is None else signal[:TRIAL] for signal in (r, t))
-            _identify(name, request, u[:TRIAL], y[:TRIAL], first_r, first_t, progress)
+            _identify(name, asked, u[:TRIAL], y[:TRIAL], first_r, first_t, progress)
         try:
-            contenders.append(_identify(name, request, u, y, r, t, progress))
+            contenders.append(_identify(name, asked, u, y, r, t, progress))
         except ReplantError as problem:
             contenders.append(Contender(name, None, problem=str(problem)))
         progress(name, 1.0)
     return contenders
 
 
-def _uses_reference(name: str, request: Request) -> bool:
-    return name == "srivc" if name in OFFLINE else _online(name, request).takes_reference
-
-
-def _online(name: str, request: Request) -> Request:
-    return dataclasses.replace(request, optimizer=AUTO if name == DEFAULT else name)
-
-
 def _identify(
-    name: str,
-    request: Request,
-    u: FloatArray,
-    y: FloatArray,
-    r: FloatArray | None,
-    t: FloatArray | None,
+    name: str, request: Request, u: FloatArray, y: FloatArray, r: FloatArray | None, t: FloatArray | None,
     progress: Callable[[str, float], None],
-) -> Contender:
-    if name in OFFLINE:
-        begun = time.perf_counter()
-        more: dict[str, Any] = {} if r is None else {"reference": r}
-        fitted = fit(
-            u,
-            y,
-            request.dt,
-            request.structure,
-            method=name,
-            preprocess=request.preprocess,
-            filter=request.filter,
-            t=t,
-            **more,
-        )
-        return Contender(name, result_of_fit(fitted, u, y, begun, t), fitted)
-    request = _online(name, request)
-    return Contender(name, run_online(request, u, y, lambda done: progress(name, done / u.size), reference=r, t=t))
+) -> Contender:  # fmt: skip
+    if name not in OFFLINE:
+        return Contender(name, run_online(request, u, y, lambda done: progress(name, done / u.size), reference=r, t=t))
+    begun = time.perf_counter()
+    how: dict[str, Any] = {"method": name, "preprocess": request.preprocess, "filter": request.filter, "t": t}
+    how |= {} if r is None else {"reference": r}
+    fitted = fit(u, y, request.dt, request.structure, **how)
+    return Contender(name, result_of_fit(fitted, u, y, begun, t), fitted)
 
 
 def best(contenders: Sequence[Contender]) -> Contender | None:
