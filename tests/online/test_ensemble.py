@@ -365,7 +365,7 @@ def test_freeze_resume_and_reset() -> None:
 @pytest.mark.parametrize("again", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))], ids=["copy", "pickle"])
 def test_a_copy_goes_on_by_itself(again: Callable[[rp.Ensemble], rp.Ensemble]) -> None:
     u, y = streams(MEMBERS)
-    ensemble = rp.Ensemble(sweep("adam", REPLAY))
+    ensemble = rp.Ensemble(sweep("adam", REPLAY), n_jobs=2)
     ensemble.update_many(u, y)
     other, before = again(ensemble), ensemble.parameters
     after = other.update_many(u, y)

@@ -164,7 +164,7 @@ def test_what_is_out_of_the_ordinary_is_each_member_s_own_in_chunks_of_any_size(
 def test_how_many_samples_members_take_at_once_changes_nothing(stretch: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever is out of the ordinary in them, in chunks of one sample and of many."""
     monkeypatch.setattr(vector_blocks, "STRETCH", stretch)
-    monkeypatch.setattr(ensemble_members, "PIECE", 100 * stretch)
+    monkeypatch.setattr(ensemble_members, "PORTION", 100 * stretch)
     check_twins(defaults, *disturbed(*records(2, 120)), (1, 2, 50, 51, 97))
 
 

@@ -43,7 +43,6 @@ LOOK = 2e-4  # time between two looks whether the result is there, where it is w
 
 #: What a look into the record may write without that the estimate changes.
 PLANNED = State.look_at, State.trusted_at, State.undecided
-WROTE_NOTHING, WROTE_NUMBERS, WROTE_ALL = range(3)  # what of a job the second Python can read
 NUMBERS = STATE_ARRAYS[:-1]  # the arrays of a state but for the raw samples
 
 
@@ -74,51 +73,21 @@ def outcome(state: State, settings: Settings, due: int, most: int) -> Outcome:
     return Outcome(State(after.ints, after.reals, after.banks, after.buffer, kept), same, due)
 
 
-@dataclass(frozen=True)
 class Schedule:
-    """When what is done for a job; it follows from the samples alone."""
+    """When what is done for a job, of the numbers as they were; it follows from the samples alone."""
 
-    begun: int  # accepted samples at which it was due
-    until: int  # at which the result is taken up
-    rows: int  # raw samples that the ring has room for
-    shapes: list[tuple[int, ...]]  # of the raw samples kept for it, and of the numbers
-
-    @classmethod
-    def of(cls, numbers: State, rows: int) -> Schedule:
-        """Return that of a job, of the numbers as they were."""
-        begun, ahead = numbers.samples, lag(numbers, rows)
-        kept = min(begun, rows - ahead), numbers.recent.shape[1]
-        return cls(begun, begun + ahead, rows, [kept, *(array.shape for array in numbers.arrays[:-1])])
-
-    @property
-    def ahead(self) -> int:
-        """Samples until the result is taken up."""
-        return self.until - self.begun
-
-    @property
-    def room(self) -> int:
-        """Rows of the ring that nothing is written to meanwhile."""
-        return self.rows - self.ahead
-
-    @property
-    def kept(self) -> int:
-        """Raw samples that it gets."""
-        return self.shapes[0][0]
-
-    @cached_property
-    def looks_from(self) -> int:
-        """From when on it is looked at each sample whether the result is there: what runs often runs fast."""
-        return min(self.begun + max(self.ahead // 3, self.steps), self.until - 1)
-
-    @cached_property
-    def slice(self) -> int:
-        """Raw samples copied in one update."""
-        return max(SLICE, -(-self.kept // max(self.ahead // 2, 1)))
-
-    @cached_property
-    def steps(self) -> int:
-        """Updates until the second Python has all; five are for what is no slice of the raw samples."""
-        return -(-self.kept // self.slice) + 5
+    def __init__(self, numbers: State, rows: int) -> None:
+        ahead = lag(numbers, rows)
+        self.begun = numbers.samples  # accepted samples at which it was due
+        self.until = self.begun + ahead  # at which the result is taken up
+        self.room = rows - ahead  # rows of the ring that nothing is written to meanwhile
+        self.kept = min(self.begun, self.room)  # raw samples that it gets
+        self.shapes = [(self.kept, numbers.recent.shape[1]), *(array.shape for array in numbers.arrays[:-1])]
+        self.slice = max(SLICE, -(-self.kept // max(ahead // 2, 1)))  # raw samples copied in one update
+        # updates until the second Python has all; five are for what is no slice of the raw samples
+        self.steps = -(-self.kept // self.slice) + 5
+        # from then on it is looked at each sample whether the result is there: what runs often runs fast
+        self.looks_from = min(self.begun + max(ahead // 3, self.steps), self.until - 1)
 
     def next_stop(self, now: int) -> int:
         """Return at how many samples there is something to do, or the result is to be taken up."""
@@ -132,7 +101,7 @@ class Job:
     def __init__(self, numbers: State, rows: int) -> None:
         self.numbers = numbers  # the state as it was, without raw samples
         self.place: second_process.Place | None = None  # the memory shared with the second Python
-        self._rows, self._fits, self._copied, self._written = rows, False, 0, WROTE_NOTHING
+        self._rows, self._fits, self._written = rows, False, 0
         self._sent: tuple[second_process.Worker, second_process.Place] | None = None
         self._numbers: list[Any] = []
         self._found: Outcome | None = None
@@ -150,7 +119,7 @@ class Job:
     @cached_property
     def schedule(self) -> Schedule:
         """When what is done for it; made in an update of its own."""
-        return Schedule.of(self.numbers, self._rows)
+        return Schedule(self.numbers, self._rows)
 
     def take_place(self, place: second_process.Place) -> None:
         """Take memory for what is sent; where it has no room for that, nothing is."""
@@ -160,29 +129,28 @@ class Job:
         """Do what is next for the second Python to begin; return whether there was something left."""
         if self._sent is not None:
             return False
-        worker, shapes, kept = second_process.worker(), self.schedule.shapes, self.schedule.kept
+        worker, when = second_process.worker(), self.schedule
         if worker is None or self.place is None or not self._fits:
             return False
-        if self._copied < kept:
-            until = min(self._copied + self.schedule.slice, kept)
-            rows = second_process.view_of(self.place.buffer, shapes, 0)
-            rows[self._copied : until] = self._raw(state, self._copied, until)
-            self._copied = until
-        elif self._written == WROTE_NOTHING:
-            _, *numbers = second_process.views(self.place.buffer, shapes)
+        buffer, copies = self.place.buffer, -(-when.kept // when.slice)
+        if self._written < copies:
+            begin = self._written * when.slice
+            until = min(begin + when.slice, when.kept)
+            second_process.view_of(buffer, when.shapes, 0)[begin:until] = self._raw(state, begin, until)
+        elif self._written == copies:
+            _, *numbers = second_process.views(buffer, when.shapes)
             for view, array in zip(numbers, self.numbers.arrays[:-1], strict=True):
                 view[:] = array
-            self._written = WROTE_NUMBERS
-        elif self._written == WROTE_NUMBERS:
-            text = pickle.dumps((shapes, self.place.told(settings, text_of), due, most))
-            if not second_process.write(self.place.buffer, shapes, text):
+        elif self._written == copies + 1:
+            text = pickle.dumps((when.shapes, self.place.told(settings, text_of), due, most))
+            if not second_process.write(buffer, when.shapes, text):
                 return False
-            self._written = WROTE_ALL
         else:
-            self.place.buffer[0] = second_process.PENDING
+            buffer[0] = second_process.PENDING
             worker.send(self.place)
             self._sent = worker, self.place
             return False
+        self._written += 1  # last: interrupted, this is done again
         return True
 
     def look(self, state: State, settings: Settings, spare: FloatArray, *, regular: bool) -> None:
@@ -244,7 +212,7 @@ class Job:
         if there + 1 < len(shapes):
             self._numbers.append(second_process.view_of(buffer, shapes, there + 1).copy())
         else:
-            only_planned, due = second_process.noted(buffer)
+            only_planned, due = second_process.noted(buffer).tolist()
             self._found = Outcome(state_of(self._numbers, self.numbers.recent), bool(only_planned), due)
 
     def _raw_of(self, found: Outcome) -> FloatArray:
@@ -307,7 +275,7 @@ def _answer(buffer: memoryview) -> int:
         found = outcome(_whole(numbers, rows, room), settings, due, most)
         for view, result in zip(shared, (found.state.recent, *found.state.arrays[:-1]), strict=True):
             view[:] = result
-        second_process.note(buffer, found.only_planned, found.due)
+        second_process.noted(buffer)[:] = found.only_planned, found.due
     except Exception:  # whatever it is: who asks computes it, and meets it
         return second_process.FAILED
     return second_process.DONE

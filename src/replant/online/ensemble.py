@@ -115,7 +115,6 @@ class Ensemble(Shared):
             "_blocks": [],
             "_companies": [],
             "_room": Room(),
-            "_helpers": [Helper() for _ in self._helpers],
         }
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
@@ -378,18 +377,21 @@ class Ensemble(Shared):
 
 def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None) -> list[Identifier]:
     """Return the ensemble's own members."""
+    number = 1
     if isinstance(identifiers, Identifier):
-        _refuse_others([identifiers])
-        number = 1 if members is None else count("members", members, 1, _numbers(identifiers))
-        return [identifiers.clone() for _ in range(number)]
-    if not iterable(identifiers):
+        each = [identifiers]
+        if members is not None:
+            about = sum(array.size for array in identifiers._state.arrays) + OBJECT
+            number = count("members", members, 1, about)
+    elif not iterable(identifiers):
         raise ArgumentTypeError(
             "identifiers must be an Identifier of one input and one structure, or a sequence of them, got "
             f"{type(identifiers).__name__}"
         )
-    if members is not None:
+    elif members is not None:
         raise InvalidArgumentError("members goes with one identifier; a sequence of them is as long as it is")
-    each = list(identifiers)
+    else:
+        each = list(identifiers)
     wrong = next((type(one).__name__ for one in each if not isinstance(one, Identifier)), None)
     if wrong is not None:
         raise ArgumentTypeError(f"identifiers must be an Identifier or a sequence of them, got a {wrong} among them")
@@ -398,20 +400,11 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
     others = {one.names for one in each} - {each[0].names}
     if others:
         raise InvalidArgumentError(f"all members must have the same parameters, got {each[0].names} and {others.pop()}")
-    _refuse_others(each)
-    return [one.clone() for one in each]
-
-
-def _numbers(identifier: Identifier) -> int:
-    """Return how many numbers of eight bytes an identifier takes, about."""
-    return sum(array.size for array in identifier._state.arrays) + OBJECT
-
-
-def _refuse_others(identifiers: Sequence[Identifier]) -> None:
-    if any(one._background for one in identifiers):
+    if any(one._background for one in each):
         raise InvalidArgumentError("an ensemble knows no background: give it identifiers with background=False")
-    if any(one.reference for one in identifiers):
+    if any(one.reference for one in each):
         raise InvalidArgumentError("an ensemble knows no reference: give it identifiers whose samples came without r")
+    return [one.clone() for one in each for _ in range(number)]
 
 
 def _threads(n_jobs: int | None, members: int) -> int:

@@ -16,6 +16,7 @@ from contextlib import ExitStack
 from functools import partial
 from itertools import groupby
 from queue import SimpleQueue
+from typing import Any
 
 from replant.estimation.engine.vector_blocks import Block, Room, are_apart, is_under_way, kind_of_block, order
 from replant.estimation.engine.vector_blocks import kind_of_lane as kind
@@ -28,8 +29,8 @@ LEAST_ALIKE = 4  # members with one random stream that a block pays for: it take
 LEAST_APART = 7  # members with streams of their own that a block pays for: it takes the time of six [count]
 # to go into lanes and to leave them takes as long as some ten samples
 FEWEST = 32  # rows of a chunk that lanes pay for [samples]
-PIECE = 2048  # rows after which it is looked at again who may go together: whose start-up has ended, say [samples]
-PORTION = 8192  # samples after which a thread may go on with other members: none waits long for the last one [samples]
+# so that no thread waits long for the last one; and it is looked at again whose start-up has ended, say
+PORTION = 2048  # samples after which a thread may go on with other members [samples]
 
 ATTENTION = StateSlots.attention.index  # read in place, as it is read of each member of each chunk
 
@@ -90,14 +91,7 @@ class Company:
         self.all_together = False  # in the last piece
 
     def take(self, room: Room, start: int, *chunk: FloatArray) -> None:
-        """Take the samples from row ``start`` on."""
-        end = len(chunk[0])
-        piece = PIECE if end - start >= FEWEST else end
-        for first in range(start, end, piece):
-            self._take_piece(room, first, *_up_to(min(first + piece, end), *chunk))
-
-    def _take_piece(self, room: Room, start: int, *chunk: FloatArray) -> None:
-        """Take the samples up to the end of the chunk, each member in the company of those that are ready and alike."""
+        """Take the samples from row ``start`` on, each member in the company of those that are ready and alike."""
         alike: dict[tuple[int, ...], list[int]] = {}
         if len(chunk[0]) - start >= FEWEST:
             for number in self.numbers:
@@ -134,7 +128,8 @@ class Company:
         if member._state.ints[ATTENTION]:
             reached = member._attend_after(reached, chunk[3][number])
         if reached < row:
-            self._alone(number, room, reached, *_up_to(row, *chunk))
+            u, y, *results = chunk
+            self._alone(number, room, reached, u[:row], y[:row], *results)
 
     def _kind(self, number: int) -> tuple[int, ...] | None:
         """Return the kind of lane that a member fits into now; None while its start-up lasts, or for good."""
@@ -144,12 +139,6 @@ class Company:
         return None if member._settings is None else kind(member._state)
 
 
-def _up_to(row: int, *chunk: FloatArray) -> tuple[FloatArray, ...]:
-    """Return the chunk without the samples from a row on; results stay as they are."""
-    u, y, *results = chunk
-    return u[:row], y[:row], *results
-
-
 class Helper:
     """A thread that helps with chunks, one after the other: to begin one anew takes as long as a hundred samples."""
 
@@ -157,6 +146,9 @@ class Helper:
         self.room = Room()
         self._process = 0  # in which the thread runs: a fork has none
         self._works: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Helper, ()  # a copy has a thread of its own
 
     def do(self, work: Callable[[], None]) -> None:
         """Let the thread do some work after that given before; it ends with the helper."""

@@ -119,7 +119,7 @@ class RowIdentifier(Shared):
     @changes
     def reset(self) -> None:
         """Forget every sample and begin again."""
-        self._now = RowState.of(self._settings)
+        self._now = RowState.of(self.request)
 
     @reads
     def clone(self) -> RowIdentifier:
@@ -151,10 +151,6 @@ class RowIdentifier(Shared):
     @property
     def request(self) -> RowSettings:
         """The settings as they were given, and checked."""
-        return self._settings
-
-    @property
-    def _settings(self) -> RowSettings:
         return self._kept.state.settings
 
     def save(self, path: AnyPath, progress: Progress | None = None) -> None:
@@ -243,7 +239,7 @@ class RowIdentifier(Shared):
         """
         columns, output, stamps, references = self._checked(u, y, t, r)
         size = output.size
-        trace = Trace(self.names, self.parameters, np.empty((size, self._settings.size)), np.full(size, np.nan), stamps)
+        trace = Trace(self.names, self.parameters, np.empty((size, self.request.size)), np.full(size, np.nan), stamps)
         taken = 0
         while taken < size:
             some = slice(taken, taken + PIECE)
@@ -314,17 +310,17 @@ class RowIdentifier(Shared):
     @property
     def structures(self) -> tuple[Structure, ...]:
         """That of each input."""
-        return self._settings.structures
+        return self.request.structures
 
     @property
     def dt(self) -> float:
         """Sampling time in s."""
-        return self._settings.dt
+        return self.request.dt
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters in their order, each with that of its input: a0.u1, b0.u1, a0.u2, .."""
-        return names_of(self.structures, self._settings.input_names)
+        return names_of(self.structures, self.request.input_names)
 
     @property
     def has_model(self) -> bool:
@@ -340,7 +336,7 @@ class RowIdentifier(Shared):
     @property
     def covariance(self) -> FloatArray:
         """Covariance (P, P) of the estimate in physical units; NaN while there is none."""
-        known, size = self._now.recursion, self._settings.size
+        known, size = self._now.recursion, self.request.size
         return np.full((size, size), np.nan) if known is None else known.covariance
 
     @property
@@ -367,7 +363,7 @@ class RowIdentifier(Shared):
     @property
     def input_hold(self) -> str:
         """What the inputs do between samples."""
-        return self._settings.input_hold
+        return self.request.input_hold
 
     @property
     def begins(self) -> tuple[int, ...]:
@@ -464,6 +460,6 @@ class RowIdentifier(Shared):
         return Verdict("converging", (reason if state.samples else "no sample yet",))
 
     def __repr__(self) -> str:
-        pairs = zip(self._settings.input_names, self.transfer_functions, strict=True) if self.has_model else ()
+        pairs = zip(self.request.input_names, self.transfer_functions, strict=True) if self.has_model else ()
         lines = [f"\n  {name}: {g}" for name, g in pairs]
         return f"<Identifier of {len(self.structures)} inputs, {self.samples:,} samples, {self.status}{''.join(lines)}>"

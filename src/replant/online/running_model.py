@@ -33,7 +33,7 @@ def model_of(
     if simulation is None:
         simulation, one_step_fit = newest_run(estimate, newest_samples(estimate))
     settings, verdict = estimate.settings, estimate.assess() if verdict is None else verdict
-    preprocess = estimate.request.preprocess if settings is None else settings.preprocess
+    preprocess = (settings or estimate.request).preprocess
     entered, given = _number(preprocess.input_offset), simulation.offset  # not known yet during start-up: 0
     u, y, intervals = estimate.recent.T
     fit = simulation.fit
@@ -69,7 +69,7 @@ def newest_run(estimate: Estimate, newest: NewestSamples) -> tuple[Simulation, f
     u, y = newest.input, newest.known_output
     if u.size == 0:
         return Simulation(u, 0.0, np.nan), np.nan
-    preprocess = estimate.request.preprocess if estimate.settings is None else estimate.settings.preprocess
+    preprocess = (estimate.settings or estimate.request).preprocess
     u, model = u - _number(preprocess.input_offset), estimate.transfer_function
     t = None if newest.regular else np.cumsum(newest.intervals)
     first = estimate.samples - u.size

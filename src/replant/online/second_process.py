@@ -9,7 +9,6 @@ import contextlib
 import math
 import os
 import signal
-import struct
 import subprocess
 import sys
 import threading
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import SystemRefusedError
+from replant.numerics.arguments import IntArray
 from replant.numerics.operating_system import THREADS, end_process, signals_blocked
 
 try:
@@ -100,26 +100,20 @@ def write(buffer: memoryview, shapes: Shapes, text: bytes) -> bool:
     at = end_of(shapes)
     if at + len(text) > len(buffer):
         return False
-    note(buffer, at, len(text))
+    noted(buffer)[:] = at, len(text)
     buffer[at : at + len(text)] = text
     return True
 
 
 def read(buffer: memoryview) -> bytes:
     """Return what goes with the arrays."""
-    at, length = noted(buffer)
+    at, length = noted(buffer).tolist()
     return bytes(buffer[at : at + length])
 
 
-def note(buffer: memoryview, one: int, other: int) -> None:
-    """Write two numbers before the arrays."""
-    buffer[8:PREFIX] = struct.pack("qq", one, other)
-
-
-def noted(buffer: memoryview) -> tuple[int, int]:
+def noted(buffer: memoryview) -> IntArray:
     """Return the two numbers before the arrays."""
-    one, other = struct.unpack("qq", buffer[8:PREFIX])
-    return one, other
+    return np.frombuffer(buffer, np.int64, 2, 8)
 
 
 def views(buffer: memoryview, shapes: Shapes) -> list[Any]:
@@ -146,10 +140,12 @@ class Worker:
             raise SystemRefusedError(
                 "background=True needs a second Python, and there is none to start in this program"
             )
+        # more threads of its own would take the first one's core
+        environment = os.environ | dict.fromkeys(THREADS, "1")
         try:
             with signals_blocked(signal.SIGINT):
                 self._process = subprocess.Popen(
-                    [sys.executable, "-P", "-W", "ignore", "-c", BEGIN, *folders], bufsize=0, env=_environment(),
+                    [sys.executable, "-P", "-W", "ignore", "-c", BEGIN, *folders], bufsize=0, env=environment,
                     stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
                 )  # fmt: skip
         except OSError as error:
@@ -184,11 +180,6 @@ class Worker:
             assert pipe is not None
             pipe.close()
         self._process.returncode = 0
-
-
-def _environment() -> dict[str, str]:
-    """Return the environment of the second Python: more threads of its own would take the first one's core."""
-    return os.environ | dict.fromkeys(THREADS, "1")
 
 
 def worker() -> Worker | None:
