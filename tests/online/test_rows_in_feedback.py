@@ -45,13 +45,6 @@ def test_pieces_and_checkpoints_change_no_bit() -> None:
     assert whole.rejected["no output"] == 10
 
 
-def test_a_checkpoint_without_references_of_before_is_read() -> None:
-    u, y, _ = looped(2, samples=600)
-    ident = begun()
-    ident.update_many(u, y)
-    assert rp.Identifier.from_bytes(ident.to_bytes()).to_bytes() == ident.to_bytes()
-
-
 def test_references_come_with_every_sample_or_with_none() -> None:
     u, y, r = looped(3, samples=20)
     ident = begun()

@@ -17,6 +17,7 @@ import hashlib
 import json
 import math
 import struct
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -170,14 +171,8 @@ def _checked(progress: Progress | None) -> dict[str, int | float | str]:
 def _rows_in_use(array: np.ndarray[Any, Any]) -> int:
     """Return the number of rows up to the last one with a bit set; a large buffer is often mostly empty."""
     bits = array.view(np.uint64)
-    low, high = 0, len(bits)
-    while low < high:  # bisection: "all rows from this one on are zero" is monotone in the row
-        middle = (low + high) // 2
-        if bits[middle:].any():
-            low = middle + 1
-        else:
-            high = middle
-    return low
+    # "all rows from this one on are zero" is monotone in the row
+    return bisect_left(range(len(bits)), True, key=lambda row: not bits[row:].any())
 
 
 def _parts(data: bytes) -> tuple[dict[str, Any], memoryview]:

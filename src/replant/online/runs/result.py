@@ -108,13 +108,10 @@ class ClockRecorder:
         if not stamps.size:
             return
         if self._seen == 0:
-            self._first = self._last = float(stamps[0])
-            steps = np.diff(stamps)
-        else:
-            steps = np.diff(stamps, prepend=self._last)
-        if steps.size:
-            self._shortest = min(self._shortest, float(steps.min()))
-            self._longest = max(self._longest, float(steps.max()))
+            self._first = float(stamps[0])
+        steps = np.diff(stamps, prepend=[self._last] if self._seen else [])
+        self._shortest = float(steps.min(initial=self._shortest))
+        self._longest = float(steps.max(initial=self._longest))
         self._kept.append(stamps[-self._seen % self._stride :: self._stride] - self._first)
         self._seen += stamps.size
         self._last = float(stamps[-1])
