@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +17,11 @@ from replant.estimation.settings import Settings
 from replant.fitting.fit_result import FitResult
 from replant.fitting.model import Model, in_lines, with_picture
 from replant.logs.log import without_rest
+from replant.model.noise import NoiseModel
 from replant.model.preprocess import screen
 from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.robust import NONE, flags_of, joined, stretches_of
 from replant.plotting.over_time import POINTS, Thinned, Thinner
@@ -27,8 +29,6 @@ from replant.verdict import Assessment, Simulation
 
 if TYPE_CHECKING:
     from replant.online.bank_weights import Lead
-
-T = TypeVar("T")
 
 KNOTS = 36_000  # stamps kept of a record that is too long for memory: as many as its overview has points [count]
 
@@ -216,11 +216,6 @@ class History:
     std: FloatArray | None = None
 
 
-def _of_model(read: Callable[[Model], T], meaning: str) -> T:
-    """Return the property that reads something of the model."""
-    return cast("T", property(lambda result: read(result.model), doc=meaning))
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Result:
     """An identified model with the record of its identification.
@@ -277,18 +272,6 @@ class Result:
     weights: tuple[tuple[Structure, float], ...] = ()
     leads: tuple[Lead, ...] = ()
 
-    structure = _of_model(lambda model: model.structure, "The structure of the model.")
-    parameters = _of_model(lambda model: model.parameters, "The parameters (P,).")
-    transfer_function = _of_model(lambda model: model.transfer_function, "The model as G(s).")
-    covariance = _of_model(
-        lambda model: model.covariance, "Of the parameters (P, P), in their units squared, if the estimator gives it."
-    )
-    uncertainty = _of_model(
-        lambda model: model.uncertainty,
-        "Standard deviations of parameters, poles, gain and response, if the estimator gives them.",
-    )
-    noise = _of_model(lambda model: model.noise, "The model of the residual, where the method has one.")
-
     def without_rest(self, rest: int) -> Result:
         """Return the result with the counts of the record alone, before which `from_rest` put ``rest`` samples."""
         samples, rejected = self.samples - rest, without_rest(self.rejected, "no output", rest)
@@ -306,6 +289,31 @@ class Result:
     def _repr_html_(self) -> str:
         return with_picture(self.model)
 
+    @property
+    def structure(self) -> Structure:
+        """The structure of the model."""
+        return self.model.structure
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The parameters (P,)."""
+        return self.model.parameters
+
+    @property
+    def transfer_function(self) -> TransferFunction:
+        """The model as G(s)."""
+        return self.model.transfer_function
+
+    @property
+    def covariance(self) -> FloatArray | None:
+        """Of the parameters (P, P), in their units squared, if the estimator gives it."""
+        return self.model.covariance
+
+    @property
+    def noise(self) -> NoiseModel | None:
+        """The model of the residual, where the method has one."""
+        return self.model.noise
+
     def left_out_over_time(self, dt: float) -> FloatArray:
         """Return begin and end of stretches left out, and of gaps, (L, 2) in s; those close together are joined."""
         samples = self.overview.samples if self.overview else self.simulation.output.size
@@ -319,6 +327,11 @@ class Result:
         first = (self.overview.samples if self.overview else y.size) - y.size
         with np.errstate(over="ignore", invalid="ignore"):
             return np.where(flags_of(self.left_out, first, y.size), np.nan, y - self.simulation.output)
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """Standard deviations of parameters, poles, gain and response, if the estimator gives them."""
+        return self.model.uncertainty
 
     @property
     def fixed_filter(self) -> StateVariableFilter | None:
