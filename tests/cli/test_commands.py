@@ -349,7 +349,7 @@ def test_stamps_that_are_no_numbers_say_nothing_of_the_sampling_time(capsys, log
 
 
 @pytest.mark.parametrize(
-    ("command", "work"), [("run", "run_and_fit._run"), ("fit", "run_and_fit.fit"), ("compare", "look.compare")]
+    ("command", "work"), [("run", "run_and_fit.run_source"), ("fit", "run_and_fit.fit"), ("compare", "look.compare")]
 )
 def test_a_folder_that_cannot_be_is_refused_before_the_work(
     capsys, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, work: str

@@ -8,23 +8,24 @@ from typing import Any
 import numpy as np
 
 from replant.cli.advice import _is_step_test
-from replant.cli.conditioning_options import BAND, STRETCH, words_of
+from replant.cli.conditioning_options import band_of, stretch_of, words_of
 from replant.cli.fleet import _plain
-from replant.cli.live import TIME, address_of, demo_of, looped
-from replant.cli.messages import is_quiet, to_ascii
-from replant.cli.option_types import WHOLE, Choice, OptimizerChoice, did_you_mean
+from replant.cli.live import address_of, demo_of, looped, time_of
+from replant.cli.messages import did_you_mean, is_given, to_ascii
+from replant.cli.option_types import Choice, optimizer_of, whole_numbers
 from replant.estimation.optimizers import OPTIMIZERS, AMSGrad
 from support.cases import every
 
 READ = [
-    (BAND, "0.1:10", (0.1, 10.0)),
-    (BAND, ":10Hz", (None, 10.0)),
-    (STRETCH, "12s:1.5min", (12.0, 90.0)),
-    (STRETCH, "60:", (60.0, math.inf)),
-    (TIME, "10min", 600.0),
-    (WHOLE, "1:4", (1, 2, 3, 4)),
-    (OptimizerChoice(), "amsgrad:step_size=0.001", AMSGrad(step_size=0.001)),
-    (OptimizerChoice(), "AMSGrad", "amsgrad"),
+    (band_of, "0.1:10", (0.1, 10.0)),
+    (band_of, ":10Hz", (None, 10.0)),
+    (stretch_of, "12s:1.5min", (12.0, 90.0)),
+    (stretch_of, "60:", (60.0, math.inf)),
+    (time_of, "10min", 600.0),
+    (whole_numbers, "1:4", ((1, 2, 3, 4),)),
+    (whole_numbers, "2,1:2", ((2,), (1, 2))),
+    (optimizer_of, "amsgrad:step_size=0.001", AMSGrad(step_size=0.001)),
+    (optimizer_of, "AMSGrad", "amsgrad"),
     (Choice(["srivc", "least_squares"]), "least-squares", "least_squares"),
 ]
 WORDS = [
@@ -42,7 +43,7 @@ WORDS = [
     (to_ascii("Döner"), "D\\xf6ner"),
     (did_you_mean("amsgrd", ["adam", "amsgrad"]), "did you mean 'amsgrad'?"),
     (did_you_mean("magic", ["adam", "amsgrad"]), ""),
-    (is_quiet(), False),
+    (is_given("quiet"), False),
     (_is_step_test(np.array([0.0, 0.0, 1.0, 1.0])), True),
     (_is_step_test(np.array([0.0, 1.0, 0.0, 2.0, 2.0])), False),
 ]
@@ -50,17 +51,17 @@ WORDS = [
 
 @every("kind, typed, expected", READ)
 def test_options_are_read(kind: Any, typed: str, expected: Any) -> None:
-    assert kind.convert(typed, None, None) == expected
+    assert kind(typed) == expected
 
 
 @every("name", OPTIMIZERS)
 def test_every_optimizer_is_chosen_by_its_name_and_by_its_settings(name: str) -> None:
     """A setting that is written as Python prints it is read to the bit."""
-    option, suggested = OptimizerChoice(), OPTIMIZERS[name].suggested(0.01, 1000)
-    assert option.convert(name, None, None) == name
+    suggested = OPTIMIZERS[name].suggested(0.01, 1000)
+    assert optimizer_of(name) == name
     values = {key: value * 0.9 for key, value in vars(suggested).items() if value is not None}
     settings = ",".join(f"{key}={value!r}" for key, value in values.items())
-    assert option.convert(f"{name}:{settings}", None, None) == OPTIMIZERS[name](**values)
+    assert optimizer_of(f"{name}:{settings}") == OPTIMIZERS[name](**values)
 
 
 @every("got, expected", WORDS)

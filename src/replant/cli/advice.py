@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from replant.cli.conditioning_options import REST
-from replant.cli.option_types import command_line, typed
+from replant.cli.option_types import typed, typed_words
 from replant.fitting.log_inspection import rounded_up
 from replant.logs.column_roles import prepared, response
 from replant.logs.log import Log
@@ -46,7 +46,7 @@ class Situation:
     log: Log
     path: str  # the log as it was typed
     reason: str  # the reason of the verdict that the step follows from
-    is_searched: bool = False  # whether the structure was searched for already
+    is_searched: bool  # whether the structure was searched for already
 
     @property
     def poles(self) -> int:
@@ -56,10 +56,10 @@ class Situation:
 
 def next_step(result: Result, log: Log, path: str, *, is_searched: bool) -> NextStep:
     """Return what to do next with a model, by the first reason of its verdict that has an answer."""
-    verdict, situation = result.verdict, Situation(result, log, path, "", is_searched)
-    if verdict.status == "trusted":
+    situation = Situation(result, log, path, "", is_searched)
+    if result.verdict.status == "trusted":
         return _keep(situation)
-    for reason in verdict.reasons:
+    for reason in result.verdict.reasons:
         for phrase, step in STEPS:
             if re.search(phrase, reason):
                 return step(replace(situation, reason=reason))
@@ -80,7 +80,7 @@ def again(*without: str, **options: object) -> str:
     """Return the command as it was typed, without some options, and with others."""
     words = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
     names = {name.replace("_", "-") for name in options}
-    return shlex.join([*shlex.split(command_line(without=(*without, *names))), *words])
+    return shlex.join([*typed_words(without=(*without, *names)), *words])
 
 
 def _look(situation: Situation, words: str = "look at the columns of the log") -> NextStep:
@@ -89,7 +89,7 @@ def _look(situation: Situation, words: str = "look at the columns of the log") -
 
 def _fit(*without: str) -> list[str]:
     """Return the words of the command that fits what was typed, without some options."""
-    return ["replant", "fit", *shlex.split(again(*without, "optimizer", "startup"))[2:]]
+    return ["replant", "fit", *typed_words(without=(*without, "optimizer", "startup"))[2:]]
 
 
 def _keep(situation: Situation) -> NextStep:
@@ -166,10 +166,9 @@ def _counted(poles: int) -> str:
 def _part(situation: Situation) -> NextStep:
     ago = re.search(r"changed ([\d.,e+-]+) s before the end", situation.reason)
     seconds = 0.5 * situation.log.duration if ago is None else float(ago[1].replace(",", ""))
-    begin = max(situation.log.duration - seconds, 0.0)
-    begin += situation.log.begin or 0.0
+    begin = max(situation.log.duration - seconds, 0.0) + (situation.log.begin or 0.0)
     words = "identify the newest half by itself" if ago is None else "identify the part since the change"
-    return NextStep(words, again("from", **{"from": f"{begin:.6g}"}))
+    return NextStep(words, again(**{"from": f"{begin:.6g}"}))
 
 
 def _column(situation: Situation) -> NextStep:
@@ -198,10 +197,8 @@ _rhythm = partial(
     _look, words="move the input in another rhythm and record again; look what else could move the output"
 )
 _sensor = partial(_look, words="look at the output: check the sensor, its range and its cable")
-_clock = _repeat("let the time stamps count", "dt")
 _straight = _repeat("take the input for a straight line between its samples", input_hold="foh")
 _at_rest = _repeat("say that it began at rest, if it did", x0=REST)
-_no_reference = _repeat("leave the reference out, or give the set-point", "reference")
 _default = _repeat("use the method by default", "optimizer", "method", "startup")
 
 #: What reasons say, and what to do; the first that fits counts.
@@ -218,7 +215,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"does not move|has moved for|move together|could be left out|another model is as likely", _move),
     (r"does not excite every coefficient|is as fast as is looked for", _fewer),
     (r"the output (?:has only|is a copy)|explains almost nothing", _look),
-    (r"s apart where dt says", _clock),
+    (r"s apart where dt says", _repeat("let the time stamps count", "dt")),
     (r"have a gap every", _without_stamps),
     (r"the actuator seems|acts otherwise|dry friction", _look),
     (r"run straight between|runs straight between", _straight),
@@ -228,7 +225,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"the initial state takes a part", _at_rest),
     (
         r"the reference (stands still|is a copy|explains nothing|follows|is not needed)|did not come to rest",
-        _no_reference,
+        _repeat("leave the reference out, or give the set-point", "reference"),
     ),
     (
         r"either its disturbances have more colour|only a reference|give its reference|answers to dist"

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import click
 import numpy as np
 
 from replant.cli.messages import note
-from replant.cli.option_types import Choice, Parsed
+from replant.cli.option_types import Choice, flag, group, parsed
 from replant.errors import InvalidArgumentError
 from replant.logs.conditioning import STEPS, from_rest
 from replant.logs.log import Log, changed
 from replant.numerics.arguments import BoolArray
 
-Edges = tuple[float | None, float | None]
 
-
-def _band(text: str) -> Edges:
+def _band(text: str) -> tuple[float | None, float | None]:
     low, colon, high = text.partition(":")
     edges = _edge(low), _edge(high)
     if not colon or edges == (None, None):
@@ -38,8 +37,8 @@ def _edge(text: str) -> float | None:
     return edge
 
 
-#: A band of frequencies in Hz, such as 0.1:10; an edge that is left out is open.
-BAND = Parsed("band", _band, "is no band of frequencies; write 0.1:10, 0.1: or :10, in Hz")
+#: Reads a band of frequencies in Hz, such as 0.1:10; an edge that is left out is open.
+band_of = parsed(_band, "is no band of frequencies; write 0.1:10, 0.1: or :10, in Hz")
 
 
 def words_of(low: float | None, high: float | None) -> str:
@@ -54,7 +53,7 @@ UNITS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 def seconds_of(text: str) -> float:
     """Return a length of time in s, such as 500ms, 60s, 10min or 24h."""
-    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*(ms|s|min|h|d|)\s*", text)
+    found = re.fullmatch(rf"\s*(\d+(?:\.\d*)?)\s*({'|'.join(UNITS)})\s*", text)
     if not found:
         raise ValueError(text)
     return float(found[1]) * UNITS[found[2]]
@@ -68,33 +67,41 @@ def _stretch(text: str) -> tuple[float, float]:
     return times
 
 
-#: A stretch of time in s from the first sample, such as 12s:32s; without an end it goes on to the last sample.
-STRETCH = Parsed("stretch", _stretch, "is no stretch of time; write 12s:32s, from and to after the first sample")
+#: Reads a stretch of time in s from the first sample, such as 12s:32s; without an end it goes on to the last sample.
+stretch_of = parsed(_stretch, "is no stretch of time; write 12s:32s, from and to after the first sample")
+#: The options that name stretches, and their lines of help.
+STRETCHES = {
+    "use": "Use only this stretch of time, such as 0s:60s; the input before it is known all the same.",
+    "leave_out": "Leave out the output of this stretch of time, such as 12s:32s.",
+    "validate_on": "Leave out this stretch, and validate the model on it.",
+}
 
 
-def _option(name: str, text: str) -> Callable[[Any], Any]:
-    return click.option(name, type=STRETCH, multiple=True, metavar="A:B", help=f"{text}  Repeat it for several.")
+def _dashed(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
-STRETCHES = [
-    _option("--use", "Use only this stretch of time, such as 0s:60s; the input before it is known all the same."),
-    _option("--leave-out", "Leave out the output of this stretch of time, such as 12s:32s."),
-    _option("--validate-on", "Leave out this stretch, and validate the model on it."),
-]
-NAMES = ("use", "leave_out", "validate_on")
+stretch_options = group(
+    *(
+        click.option(
+            _dashed(name), type=stretch_of, multiple=True, metavar="A:B", help=f"{text}  Repeat it for several."
+        )
+        for name, text in STRETCHES.items()
+    )
+)
 
 
 def has_stretches(options: dict[str, Any]) -> bool:
     """Return whether an option names a stretch."""
-    return any(options.get(name) for name in NAMES)
+    return any(options.get(name) for name in STRETCHES)
 
 
 def stretched(log: Log, options: dict[str, Any]) -> Log:
     """Return a log up to the last output that the options leave in, and without those that they leave out."""
     clock = log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0]
     clock = clock + (options.get("begin") or 0.0)
-    used, kept, held = (_within(clock, name, options) for name in NAMES)
-    left = (used if options.get("use") else np.ones(clock.size, bool)) & ~kept & ~held
+    used, left_out, held = (_within(clock, name, options) for name in STRETCHES)
+    left = (used if options.get("use") else np.ones(clock.size, bool)) & ~left_out & ~held
     if not (left & np.isfinite(log.output)).any():
         raise InvalidArgumentError("--use, --leave-out, --validate-on: no output is left to make a model of")
     note(f"{int((~left).sum()):,} of {clock.size:,} outputs are left out, as --use, --leave-out or --validate-on say")
@@ -109,16 +116,21 @@ def _within(clock: Any, name: str, options: dict[str, Any]) -> BoolArray:
     for begin, end in options.get(name) or ():
         inside = (clock >= begin) & (clock < end)
         if not inside.any():
-            option = name.replace("_", "-")
             lasts = f"{clock[0]:.6g} to {clock[-1]:.6g} s" if clock.size else "no time"
-            raise InvalidArgumentError(f"--{option} {begin:g}:{end:g}: no sample lies there; the log has {lasts}")
+            raise InvalidArgumentError(f"{_dashed(name)} {begin:g}:{end:g}: no sample lies there; the log has {lasts}")
         found |= inside
     return found
 
 
 ESTIMATE, REST = "estimate", "rest"
-CONDITIONING: list[Callable[[Any], Any]] = [
-    click.option("--detrend", is_flag=True, help="Subtract from each signal the straight line that fits it best."),
+condition_options = group(
+    click.option(
+        "--input-hold",
+        type=Choice(["zoh", "foh"]),
+        help="The input between two samples: held (zoh), or a straight line (foh).  "
+        "[default: zoh; foh with --decimate]",
+    ),
+    flag("--detrend", "Subtract from each signal the straight line that fits it best."),
     click.option(
         "--decimate",
         type=click.IntRange(2),
@@ -133,7 +145,7 @@ CONDITIONING: list[Callable[[Any], Any]] = [
     ),
     click.option(
         "--band",
-        type=BAND,
+        type=band_of,
         metavar="LOW:HIGH",
         help="Let this band of frequencies count alone, in Hz: both signals pass the same filter, so that G(s) stays.  "
         "0.1: has no upper edge, :10 no lower one.",
@@ -145,17 +157,18 @@ CONDITIONING: list[Callable[[Any], Any]] = [
         show_default=True,
         help="State at the first sample: estimated, or at rest, the plant settled at the first input.",
     ),
-]
+)
 
 
 def is_conditioned(options: dict[str, Any]) -> bool:
     """Return whether the options change the samples, so that the whole log must be in memory."""
-    return (
-        bool(options.get("detrend"))
-        or has_stretches(options)
-        or options.get("x0") == REST
-        or any(options.get(name) is not None for name in ("decimate", "resample", "band"))
-    )
+    return bool(_steps(options)) or has_stretches(options) or options.get("x0") == REST
+
+
+def _steps(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the steps that the options ask for, in the order in which they are taken, with their arguments."""
+    given = {name: options.get(name) for name in STEPS}
+    return {name: argument for name, argument in given.items() if argument is not None and argument is not False}
 
 
 def input_hold_of(options: dict[str, Any]) -> str:
@@ -167,29 +180,31 @@ def input_hold_of(options: dict[str, Any]) -> str:
 def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
     """Return a log as the options ask for it, and say on standard error what was done."""
     assert log is not None
-    for name, change in STEPS.items():
-        given = options.get(name)
-        if given is None or given is False:
-            continue
-        try:
-            log = change(log, given)
-        except InvalidArgumentError as error:
-            raise InvalidArgumentError(f"--{name}{_written(given)}: {error}") from None
+    for name, argument in _steps(options).items():
+        with _named(f"--{name}{_written(argument)}"):
+            log = STEPS[name](log, argument)
         note(_done(name, log, options))
     log = stretched(log, options) if has_stretches(options) else log
     if options.get("x0") == REST:
-        try:
+        with _named(f"--x0 {REST}"):
             log = from_rest(log)
-        except InvalidArgumentError as error:
-            raise InvalidArgumentError(f"--x0 {REST}: {error}") from None
         note(f"from rest: {log.rest:,} samples at the first input are put before the record")
     return log
 
 
-def _written(given: Any) -> str:
-    if isinstance(given, tuple):
-        return " " + ":".join("" if edge is None else f"{edge:.12g}" for edge in given)
-    return "" if given is True else f" {given:g}"
+@contextmanager
+def _named(option: str) -> Iterator[None]:
+    """Put an option before the message of what it leads to."""
+    try:
+        yield
+    except InvalidArgumentError as error:
+        raise InvalidArgumentError(f"{option}: {error}") from None
+
+
+def _written(argument: Any) -> str:
+    if isinstance(argument, tuple):
+        return " " + ":".join("" if edge is None else f"{edge:.12g}" for edge in argument)
+    return "" if argument is True else f" {argument:g}"
 
 
 def _done(name: str, log: Log, options: dict[str, Any]) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from replant.cli.messages import did_you_mean, progress_bar
+from replant.cli.messages import did_you_mean, progress_bar, terminal
 from replant.cli.option_types import command_line, flag, path_option
 from replant.cli.results import make_folder, write_errors_reported
 from replant.estimation.filters import StateVariableFilter
@@ -123,10 +123,9 @@ def _write_tables(out: Path, text: str, outcome: Outcome) -> list[Path]:
 
 
 def _show(outcome: Outcome, written: Sequence[Path]) -> None:
-    from rich.console import Console
     from rich.padding import Padding
 
-    console = Console(highlight=False, markup=False)
+    console = terminal(highlight=False, markup=False)
     if outcome.tables:
         console.print(rendering.SOURCE)
     for title, shown, notes, conclusions in rendering.for_terminal(outcome):
@@ -164,10 +163,8 @@ def demo_command(out: Path, full: bool) -> None:
     if full:
         deliver((*ACTUATOR_FIGURES, ACTUATOR), out, report=True)
         return
-    from rich.console import Console
-
     make_folder(out)
-    console = Console()
+    console = terminal()
     rig = deap_rig()
     u = deap_voltage(SAMPLES, seed=VOLTAGE)
     y = rig.measure(u)
@@ -219,10 +216,9 @@ def _print_beside(console: Any, results: Mapping[str, Result], true: Sequence[fl
 
 
 def _write(out: Path, result: Result, rig: Rig, u: FloatArray, y: FloatArray) -> list[Path]:
-    truth = true_parameters(rig.plant)
-    labels = dict(zip(("input_label", "output_label"), SIGNALS, strict=True))
-    log = Log(u, y, rig.dt, None, *SIGNALS, Path())
+    truth, log = true_parameters(rig.plant), Log(u, y, rig.dt, None, *SIGNALS)
     with write_errors_reported(out):
+        labels = {"input_label": log.input_name, "output_label": log.output_name}
         paths = save_figures(out, result, u, y, rig.dt, truth=truth, **labels)
         paths.append(write_report(out / "report.html", result, log, truth=truth, command=command_line(), title=TITLE))
     return paths

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
+from replant.cli import run_fit_compare_options as shared
 from replant.cli.messages import note, progress_bar
-from replant.cli.option_types import Choice, numbers_of, path_option
-from replant.cli.run_fit_compare_options import columns_of, fleet_options, structure_of
+from replant.cli.option_types import Choice, path_option
 from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
 from replant.fleet.fit import Fleet, fit, load
@@ -24,7 +24,7 @@ NAMED = 5  # odd rigs that the terminal names [count]
 
 
 @click.command(name="fleet")
-@fleet_options
+@shared.fleet_options
 @click.option(
     "--by",
     default="file",
@@ -44,29 +44,21 @@ NAMED = 5  # odd rigs that the terminal names [count]
     help="Also write the reports of the first N rigs by rank.",
 )
 @path_option("--out", "DIR", "Write the results here.", required=True)
-def fleet_command(
-    logs: str,
-    by: str,
-    method: str,
-    on: str | None,
-    compare: Path | None,
-    reports: int | None,
-    out: Path,
-    as_json: bool,
-    **options: Any,
-) -> None:
+def fleet_command(method: str, on: str | None, compare: Path | None, out: Path, **options: Any) -> None:
     """Identify every rig of a fleet from LOGS, a folder or a pattern such as 'logs/*.parquet'.
 
     Each rig gets a row of DIR/rigs.parquet; DIR/report.html names the rigs that lie far from the fleet.  Started again,
     what is done stays done; a rig whose files have changed is done again.  Several inputs are named as for run and fit.
     """
+    shared.begin(options)
     on = on or f"processes:{os.cpu_count() or 1}"
     parsed(on)
     inputs = options["input_column"]
     if isinstance(inputs, tuple):
-        structure = wanted(inputs, None, **numbers_of(options, inputs))
+        shared.refuse_not_yet(options)
+        structure = wanted(inputs, None, **shared.numbers_of(shared.orders_of(options, inputs)))
     else:
-        structure = structure_of(options)
+        structure = shared.structure_of(options)
     before = None if compare is None else load(compare)
     if before is not None:
         check_comparable(before, Shape.of(structure, inputs), out)
@@ -82,18 +74,18 @@ def fleet_command(
             bar.update(task, description=shown, completed=state.samples, total=total, stage=f"{state.rigs:,} rigs")
 
         found = fit(
-            logs, by=by, structure=structure, method=method, executor=on, out=out, input_map=options["input_map"],
-            optimizer=options["optimizer"], progress=show, **columns_of(options),
+            options["logs"], structure=structure, method=method, executor=on, out=out, progress=show,
+            **{name: options[name] for name in ("by", "input_map", "optimizer")}, **shared.columns_of(options),
         )  # fmt: skip
-        if reports:
+        if options["reports"]:
             bar.update(task, description="reports", total=None)
-            write_reports(found, reports, on)
+            write_reports(found, options["reports"], on)
         bar.update(task, description="page", total=None)
         page = write_page(found, before)
     if set(found.verdicts) == {FAILED}:
         first = found.table().column("reasons")[0].as_py()
         raise LogError(f"none of {len(found)} rigs could be identified; the first: {_plain(first)}")
-    _show(found, page, as_json=as_json)
+    _show(found, page, as_json=options["as_json"])
 
 
 def _plain(text: str) -> str:

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
+from replant.cli import run_fit_compare_options as shared
 from replant.cli.conditioning_options import seconds_of
-from replant.cli.option_types import Choice, Parsed, column_option, flag, numbers_of, path_option, structure_options
-from replant.cli.run_fit_compare_options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER, preprocess_of, structure_of
+from replant.cli.option_types import Choice, column_option, flag, parsed, path_option, structure_options
 from replant.errors import InvalidArgumentError, needs
 from replant.estimation.settings import Request
 from replant.live.dashboard.server import PAGES_NEED
@@ -38,7 +38,7 @@ def _time(text: str) -> float:
     return seconds
 
 
-TIME = Parsed("time", _time, "is no length of time; write 60s, 10min or 24h")
+time_of = parsed(_time, "is no length of time; write 60s, 10min or 24h")
 
 
 class SourceCommand(click.Command):
@@ -62,14 +62,14 @@ class SourceCommand(click.Command):
     "Number of poles, or of each input: 2,1.", "Number of zeros.  [default: 0]", "Dead time in s.  [default: 0]"
 )
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.")
-@BIAS
-@FEEDTHROUGH
-@INPUT_MAP
-@OPTIMIZER
+@shared.BIAS
+@shared.FEEDTHROUGH
+@shared.INPUT_MAP
+@shared.OPTIMIZER
 @click.option(
     "--startup", type=int, default=500, show_default=True, metavar="N", help="Number of samples for the first model."
 )
-@click.option("--for", "seconds", type=TIME, metavar="TIME", help="End after this real time, such as 60s.")
+@click.option("--for", "seconds", type=time_of, metavar="TIME", help="End after this real time, such as 60s.")
 @click.option("--samples", type=click.IntRange(min=1), metavar="N", help="End after N samples.")
 @click.option("--until", type=Choice(["trusted"]), help="End as soon as this is the verdict.")
 @click.option(
@@ -81,7 +81,9 @@ class SourceCommand(click.Command):
 )
 @path_option("--record", "DIR", "Record samples and estimates here (Parquet).")
 @path_option("--checkpoint", "FILE", "Save the state here; resume from it.")
-@click.option("--every", type=TIME, default="10s", show_default=True, metavar="TIME", help="Time between checkpoints.")
+@click.option(
+    "--every", type=time_of, default="10s", show_default=True, metavar="TIME", help="Time between checkpoints."
+)
 @click.option(
     "--dashboard",
     is_flag=False,
@@ -99,7 +101,7 @@ class SourceCommand(click.Command):
 @path_option("--token-file", "FILE", "Read the token from the first line of a file.")
 @click.option(
     "--ttl",
-    type=TIME,
+    type=time_of,
     metavar="TIME",
     help="Time for which an estimate stays trusted without an accepted sample.  [default: 5s, or 10 sampling times "
     "if that is longer]",
@@ -126,9 +128,9 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
         if _signals(options) != UY:
             raise InvalidArgumentError(f"{source}: the rig has one input and one output: leave -i and -o out")
         rig, _ = demo
-        poles = options["poles"] or (rig.plant.den.size - 1,)
-        zeros = min(rig.plant.num.size, poles[0]) - 1
-        defaults = {"poles": poles, "zeros": (zeros,), "dt": rig.dt, "dashboard": DASHBOARD}
+        poles = options["poles"] or ((rig.plant.den.size - 1,),)
+        zeros = min(rig.plant.num.size, poles[0][0]) - 1
+        defaults = {"poles": poles, "zeros": ((zeros,),), "dt": rig.dt, "dashboard": DASHBOARD}
         options |= {name: value for name, value in defaults.items() if options[name] is None}
         options["input_map"] = rig.input_map
     page, token = options["dashboard"], _token(options)
@@ -197,10 +199,11 @@ def _request(options: dict[str, Any]) -> Asked:
         if options[name] is None:
             raise InvalidArgumentError(f"--{name} is missing; give it, as in {example}")
     if len(inputs) > 1:
-        orders: dict[str, Any] = numbers_of(options, inputs)
+        shared.refuse_not_yet(options)
+        orders: dict[str, Any] = shared.numbers_of(shared.orders_of(options, inputs))
         return RowIdentifier(**orders, dt=options["dt"], startup=options["startup"], input_names=inputs).request
-    structure, more = structure_of(options), {name: options[name] for name in ("optimizer", "startup")}
-    return Request(structure, options["dt"], preprocess=preprocess_of(options), **more)
+    structure, more = shared.structure_of(options), {name: options[name] for name in ("optimizer", "startup")}
+    return Request(structure, options["dt"], preprocess=shared.preprocess_of(options), **more)
 
 
 def address_of(option: str, text: str) -> tuple[str, int]:

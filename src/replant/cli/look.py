@@ -5,16 +5,15 @@ from __future__ import annotations
 import dataclasses
 import json
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from replant.cli import results
-from replant.cli.messages import note, progress_bar
+from replant.cli.messages import note, progress_bar, terminal
 from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
-from replant.cli.run_fit_compare_options import compare_options, read, request_of, structure_of
+from replant.cli.run_fit_compare_options import begin, check_said, compare_options, read, request_of, structure_of
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.examples import NAMES, path_of
 from replant.fitting.log_inspection import inspect
@@ -63,9 +62,7 @@ def look_command(
     if as_json:
         click.echo(json.dumps(look_as_json(found), allow_nan=False))
         return
-    from rich.console import Console
-
-    print_look(Console(), found)
+    print_look(terminal(), found)
     if path is not None:
         click.echo(f"wrote {path}")
 
@@ -90,17 +87,15 @@ def examples_command(out: Path) -> None:
 @JSON
 def show_command(model: Path, as_json: bool) -> None:
     """Print MODEL, a file that `--save` has written: G(s), its uncertainty, its verdict, and where it comes from."""
-    from rich.console import Console
-
     loaded = load_model(model)
     if as_json:
         click.echo(loaded.to_json(), nl=False)
         return
     if isinstance(loaded, Model):
-        as_text.print_kept_model(Console(), loaded)
+        as_text.print_kept_model(terminal(), loaded)
         return
     for row in loaded.rows if isinstance(loaded, MatrixModel) else (loaded,):
-        as_text.print_row(Console(), row)
+        as_text.print_row(terminal(), row)
 
 
 @click.command(name="validate")
@@ -122,15 +117,13 @@ def validate_command(
     if not logs:
         raise click.UsageError(f"name the logs to compare the model with: replant validate {model} LOG")
     results.make_folder(out)
-    columns["input_column"] = columns["input_column"] or loaded.input_name
-    columns["output_column"] = columns["output_column"] or loaded.output_name
     found = []
     for path in logs:
-        clock = results.model_clock(path, columns, loaded.dt)
+        of_log = results.as_modelled(path, columns, loaded)
         if isinstance(loaded, MatrixModel):
-            found += _of_rows(loaded, path, columns | clock)
+            found += _of_rows(loaded, path, of_log)
         else:
-            found += results.validated(loaded, [path], columns | clock)
+            found += results.validated(loaded, [path], of_log)
     if len({name for name, _ in found}) < len(found):
         found = [(str(path), each) for path, (_, each) in zip(logs, found, strict=True)]
     written = [] if out is None else _plots(found, out)
@@ -171,28 +164,21 @@ if TYPE_CHECKING:
 SHOWN = 7  # columns of the table that fit into a terminal [count]
 
 
-def compare_models(options: dict[str, Any]) -> bool:
-    """Compare the models in all files but the last over the log in the last one; False where the first is no model."""
-    if not holds_model(options["logs"][0]):
-        if any(holds_model(each) for each in options["logs"][1:]):
-            raise click.UsageError("name the log behind the models: replant compare MODEL.json MODEL2.json LOG")
-        return False
+def _compare_models(options: dict[str, Any]) -> None:
+    """Compare the models in all files but the last over the log in the last one."""
     from replant.report.compared_page import compare as compare_saved
     from replant.report.compared_page import write_models
 
     *saved, path = options["logs"]
-    if not saved or holds_model(path):
+    if holds_model(path) or not holds_model(saved[0]):
         raise click.UsageError("name the log behind the models: replant compare MODEL.json MODEL2.json LOG")
     if options["poles"] is not None:
         raise click.UsageError("--poles makes models: it is of no use where saved models are compared")
-    models = {_name(each, saved): _of_one_input(each) for each in saved}
-    first = next(iter(models.values()))
-    columns = dict(options)
-    columns["input_column"] = options["input_column"] or first.input_name
-    columns["output_column"] = options["output_column"] or first.output_name
+    stems = [each.stem for each in saved]
+    models = {each.stem if stems.count(each.stem) == 1 else str(each): _of_one_input(each) for each in saved}
     out: Path | None = options["out"]
     results.make_folder(out)
-    log = results.whole_log(path, columns | results.model_clock(path, columns, first.dt))
+    log = results.whole_log(path, results.as_modelled(path, options, next(iter(models.values()))))
     comparison = compare_saved(models, log)
     written: list[Path] = []
     if out is not None:
@@ -206,7 +192,6 @@ def compare_models(options: dict[str, Any]) -> bool:
     else:
         _print(comparison)
         results.print_rest([], written)
-    return True
 
 
 def _of_one_input(path: Path) -> Model:
@@ -217,16 +202,10 @@ def _of_one_input(path: Path) -> Model:
     return model
 
 
-def _name(path: Path, saved: Sequence[Path]) -> str:
-    return path.stem if sum(each.stem == path.stem for each in saved) == 1 else str(path)
-
-
 def _print(comparison: ModelComparison) -> None:
-    from rich.console import Console
-
     from replant.report.compared_page import HEADINGS
 
-    console, best = Console(), comparison.best
+    console, best = terminal(), comparison.best
     plain = str.maketrans({"±": "+-", "−": "-", "–": "-"})
     rows = ([cell.translate(plain) for cell in row[:SHOWN]] for row in comparison.rows)
     console.print(as_text.table(HEADINGS[:SHOWN], rows, left=(0, 1), bold=lambda row: row[0] == best, no_wrap=True))
@@ -236,7 +215,7 @@ def _print(comparison: ModelComparison) -> None:
 
 
 @click.command(name="compare")
-@compare_options(compare_models)
+@compare_options
 @click.option(
     "--optimizer",
     "methods",
@@ -247,17 +226,21 @@ def _print(comparison: ModelComparison) -> None:
     metavar="NAME",
     help=f"A method; repeat the option for several: {', '.join(METHODS)}.",
 )
-def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], **options: Any) -> None:
+def compare_command(methods: tuple[str, ...], **options: Any) -> None:
     """Compare saved models over LOG: MODEL.json MODEL2.json LOG.  Or identify G(s) from LOG by several methods.
 
     An optimizer identifies online, in one pass, as `replant run` does; "default" is the method of `replant run` without
     options.  srivc and least_squares fit the whole log at once, as `replant fit` does.
     """
-    from rich.console import Console
-
+    check_said(options)
+    if any(map(holds_model, options["logs"])):
+        _compare_models(options)
+        return
+    begin(options, "replant compare takes one log, or saved models and a log")
     structure_of(options)  # before the log is read: a mistake costs no time
     log = read(options)
     request = request_of(options, log.dt)
+    out: Path | None = options["out"]
     results.make_folder(out)
     methods = tuple(dict.fromkeys(methods))
     with progress_bar() as progress:
@@ -276,7 +259,7 @@ def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], *
         with results.write_errors_reported(out):
             paths += save_figures(out, contenders, log, request.preprocess)
             paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
-    if as_json:
+    if options["as_json"]:
         named = [
             entry if (found := entry.result) is None
             else dataclasses.replace(entry, result=dataclasses.replace(found, model=results.kept(found.model, log)))
@@ -284,5 +267,5 @@ def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], *
         ]  # fmt: skip
         click.echo(json.dumps(as_text.comparison_as_json(named), allow_nan=False))
         return
-    as_text.print_comparison(Console(), contenders, request.structure, len(log))
+    as_text.print_comparison(terminal(), contenders, request.structure, len(log))
     results.print_rest([], paths)

@@ -52,22 +52,21 @@ def plain(word: str) -> str:
     return word.lower().replace("-", "_")
 
 
-QUIET, ASKED = "replant.quiet", "replant.progress"
 SAID = "replant.said"  # notes that were printed
 TYPED = "replant.typed"  # the words behind the name of the command that is running
 
 
-def is_quiet(flag: str = QUIET) -> bool:
-    """Return whether the command that is running was called with --quiet, or with --progress, `ASKED`."""
+def is_given(flag: str) -> bool:
+    """Return whether the command that is running was called with a flag, "quiet" or "progress"."""
     context = click.get_current_context(silent=True)
-    return context is not None and bool(context.meta.get(flag))
+    return context is not None and bool(context.params.get(flag))
 
 
 def note(text: str) -> None:
     """Print a note in one line to standard error, once in a command."""
     context = click.get_current_context(silent=True)
     said: set[str] = set() if context is None else context.meta.setdefault(SAID, set())
-    if not is_quiet() and text not in said:
+    if not is_given("quiet") and text not in said:
         said.add(text)
         click.echo(f"replant: note: {text}", err=True)
 
@@ -75,25 +74,26 @@ def note(text: str) -> None:
 STEP = 10  # part of the work after which a line is printed [%]
 
 
+def terminal(**how: Any) -> Any:
+    """Return a terminal of rich, which is imported where something is printed, not before."""
+    from rich.console import Console
+
+    return Console(**how)
+
+
 def progress_bar(*, rate: bool = False) -> Any:
     """Return a progress bar on standard error, with ``rate`` also samples a second and the time left."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich import progress as bar
 
-    columns: list[Any] = [TextColumn("{task.description:11}"), BarColumn(), TaskProgressColumn()]
-    columns += [_rate_column(), TimeRemainingColumn(), TextColumn("left")] if rate else [TimeElapsedColumn()]
-    if is_quiet(ASKED) and not sys.stderr.isatty():
+    is_terminal = sys.stderr.isatty()
+    if is_given("progress") and not is_terminal:
         return _lines()
-    return Progress(
-        *columns, console=Console(stderr=True), transient=True, disable=is_quiet() or not sys.stderr.isatty()
+    columns: list[Any] = [bar.TextColumn("{task.description:11}"), bar.BarColumn(), bar.TaskProgressColumn()]
+    columns += (
+        [_rate_column(), bar.TimeRemainingColumn(), bar.TextColumn("left")] if rate else [bar.TimeElapsedColumn()]
     )
+    is_hidden = is_given("quiet") or not is_terminal
+    return bar.Progress(*columns, console=terminal(stderr=True), transient=True, disable=is_hidden)
 
 
 def _rate_column() -> Any:

@@ -1,4 +1,4 @@
-"""Types of options, columns, what a command lacks, the command as it was typed, and the orders of several inputs."""
+"""Types of options, columns, the command as it was typed, and what it lacks."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import math
 import shlex
 from collections.abc import Callable, Collection
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import click
 from click.core import ParameterSource
 
-from replant.cli.messages import TYPED, did_you_mean, plain
+from replant.cli.messages import TYPED, did_you_mean, plain, terminal
 from replant.errors import InvalidArgumentError, LogError
 from replant.estimation.optimizers import OPTIMIZERS, Optimizer
 from replant.estimation.settings import AUTO
@@ -36,20 +37,16 @@ class Choice(click.Choice[str]):
         return found
 
 
-class Parsed(click.ParamType[Any]):
-    """The type of options that a function reads, which raises ValueError for a text that it cannot read."""
+def parsed(read: Callable[[str], Any], wrong: str) -> Callable[[str], Any]:
+    """Return the type of an option that a function reads, which raises ValueError for a text that it cannot read."""
 
-    def __init__(self, name: str, read: Callable[[str], Any], wrong: str) -> None:
-        self.name, self._read, self._wrong = name, read, wrong
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return what the option says."""
-        if not isinstance(value, str):
-            return value
+    def convert(text: str) -> Any:
         try:
-            return self._read(value)
+            return read(text)
         except ValueError:
-            self.fail(f"{value!r} {self._wrong}", param, ctx)
+            raise click.BadParameter(f"{text!r} {wrong}") from None
+
+    return convert
 
 
 def group(*options: Option) -> Option:
@@ -73,82 +70,65 @@ def path_option(name: str, metavar: str, text: str, *to: str, **more: Any) -> Op
     return click.option(name, *to, type=click.Path(path_type=Path), metavar=metavar, help=text, **more)
 
 
+#: Candidates of a number for each input: 1:3 is ((1, 2, 3),), and 2,1:2 is ((2,), (1, 2)).
+Candidates = tuple[tuple[Any, ...], ...]
+
+
+def _candidates(text: str, number: type, name: str, example: str) -> Candidates:
+    """Read a number, a range first:last or first:last:step, or several of these with commas, one for each input."""
+
+    def of_input(part: str) -> tuple[Any, ...]:
+        try:
+            numbers = [number(each) for each in part.split(":")]
+        except ValueError:
+            wrong = f"{part!r} is neither a {name} nor a range such as {example}"
+            if part != text and ":" not in part:
+                wrong = f"{text!r} must be a {name} for each input, with commas between"
+            raise click.BadParameter(wrong) from None
+        if len(numbers) == 1:
+            return (numbers[0],)
+        first, last, step = numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else number(1)
+        if len(numbers) > 3 or not step > 0 or not first <= last or not math.isfinite(last - first):
+            raise click.BadParameter(f"{part!r} is not a valid range; write {example}")
+        if (last - first) / step > MOST_TRIED:
+            raise click.BadParameter(f"{part!r} has more than {MOST_TRIED} numbers: take a larger step")
+        count = int((last - first) / step * (1 + 1e-12)) + 1
+        return tuple(number(first + k * step) for k in range(count))
+
+    return tuple(map(of_input, text.split(",")))
+
+
+def whole_numbers(text: str) -> Candidates:
+    """Read poles or zeros."""
+    return _candidates(text, int, "whole number", "1:4")
+
+
+def times(text: str) -> Candidates:
+    """Read dead times."""
+    return _candidates(text, float, "time in s", "0:1:0.1")
+
+
 def structure_options(poles: str, zeros: str, delay: str) -> Option:
-    """Return the options of a structure, with their lines of help; each may be a range, or a number for each input."""
+    """Return the options of a structure, with their lines of help."""
     return group(
-        click.option("-p", "--poles", type=WHOLE, metavar="N", help=poles),
-        click.option("--zeros", type=WHOLE, metavar="M", help=zeros),
-        click.option("--delay", type=SECONDS, default="0", metavar="S", help=delay),
+        click.option("-p", "--poles", type=whole_numbers, metavar="N", help=poles),
+        click.option("--zeros", type=whole_numbers, metavar="M", help=zeros),
+        click.option("--delay", type=times, default="0", metavar="S", help=delay),
     )
 
 
-class Each(tuple[Any, ...]):
-    """Numbers of several inputs, in their order, or ranges, each a tuple."""
-
-    __slots__ = ()
-
-
-class Range(click.ParamType[tuple[Any, ...]]):
-    """The type of options that are a number, a range first:last or first:last:step, or a number for each input."""
-
-    def __init__(self, name: str, number: type, example: str) -> None:
-        self.name, self.number, self.example = name, number, example
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
-        """Return every number of the range, including the last."""
-        if isinstance(value, tuple):
-            return value
-        if "," in str(value):
-            each = str(value).split(",")
-            return Each(self.convert(p, param, ctx) if ":" in p else self._one(p, value, param, ctx) for p in each)
-        try:
-            parts = [self.number(part) for part in str(value).split(":")]
-        except ValueError:
-            self.fail(f"{value!r} is neither a {self.name} nor a range such as {self.example}", param, ctx)
-        if len(parts) == 1:
-            return (parts[0],)
-        first, last, step = parts[0], parts[1], parts[2] if len(parts) == 3 else self.number(1)
-        if len(parts) > 3 or not step > 0 or not first <= last or not math.isfinite(last - first):
-            self.fail(f"{value!r} is not a valid range; write {self.example}", param, ctx)
-        if (last - first) / step > MOST_TRIED:
-            self.fail(f"{value!r} has more than {MOST_TRIED} numbers: take a larger step", param, ctx)
-        count = int((last - first) / step * (1 + 1e-12)) + 1
-        return tuple(self.number(first + k * step) for k in range(count))
-
-    def _one(self, part: str, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number of one input."""
-        try:
-            return self.number(part)
-        except ValueError:
-            self.fail(f"{value!r} must be a {self.name} for each input, with commas between", param, ctx)
-
-
-WHOLE, SECONDS = Range("whole number", int, "1:4"), Range("time in s", float, "0:1:0.1")
-
-
-class OptimizerChoice(click.ParamType["str | Optimizer"]):
-    """The type of an option that is the name of an optimizer, or a name, a colon and settings."""
-
-    name = "optimizer"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | Optimizer:
-        """Return the name as `Request` knows it, or the optimizer with the settings that were given."""
-        if isinstance(value, Optimizer):
-            return value
-        typed, colon, settings = str(value).partition(":")
-        name = Choice([AUTO, *OPTIMIZERS]).convert(typed, param, ctx)
-        if not colon:
-            return name
-        if name == AUTO:
-            self.fail("auto takes no settings: name the optimizer, as in amsgrad:step_size=0.001", param, ctx)
-        try:
-            return _with_settings(name, settings)
-        except InvalidArgumentError as error:
-            self.fail(f"{value!r}: {error}", param, ctx)
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
-        """Return what the help shows in place of the value."""
-        return "NAME[:SETTING=X,...]"
+def optimizer_of(text: str) -> str | Optimizer:
+    """Return the name of an optimizer as `Request` knows it, or of a name, a colon and settings the optimizer."""
+    word, colon, settings = text.partition(":")
+    name = Choice([AUTO, *OPTIMIZERS]).convert(word, None, None)
+    if not colon:
+        return name
+    if name == AUTO:
+        raise click.BadParameter("auto takes no settings: name the optimizer, as in amsgrad:step_size=0.001")
+    try:
+        return _with_settings(name, settings)
+    except InvalidArgumentError as error:
+        raise click.BadParameter(f"{text!r}: {error}") from None
 
 
 def _with_settings(name: str, settings: str) -> Optimizer:
@@ -178,7 +158,7 @@ def _with_settings(name: str, settings: str) -> Optimizer:
 OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required", "quiet", "progress")
 
 
-def command_line(*, with_output: bool = False, without: Collection[str] = ()) -> str:
+def typed_words(*, with_output: bool = False, without: Collection[str] = ()) -> list[str]:
     """Return the command as typed, without some options by their long names, and mostly without those of its output."""
     context = click.get_current_context()
     typed, _, _ = context.command.make_parser(context).parse_args(list(context.meta.get(TYPED, ())))
@@ -194,12 +174,17 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
                 words.append(typed_path(each))
             else:
                 words += [parameter.opts[-1], *([] if each is True else [each])]
-    return shlex.join(words)
+    return words
+
+
+def command_line() -> str:
+    """Return the command as typed, without the options of its output."""
+    return shlex.join(typed_words())
 
 
 def typed(option: str) -> str:
     """Return the value that an option was given; empty where it was not."""
-    words = shlex.split(command_line())
+    words = typed_words()
     return words[words.index(option) + 1] if option in words else ""
 
 
@@ -261,8 +246,6 @@ def check_complete(given: dict[str, Any]) -> None:
 
 def _look(given: dict[str, Any]) -> str:
     """Print what is in the log; return how the command goes on."""
-    from rich.console import Console
-
     from replant.fitting.log_inspection import inspect, options_of
     from replant.report.log_as_text import print_findings
 
@@ -272,7 +255,7 @@ def _look(given: dict[str, Any]) -> str:
         found = inspect(Path(given["log"]), **columns)
     except LogError as problem:
         return f"and {problem}."
-    print_findings(Console(stderr=True), found)
+    print_findings(terminal(stderr=True), found)
     options = options_of(found)
     if not options:
         return "no two columns of numbers that change are in the log: name them if you know better."
@@ -290,69 +273,8 @@ def _completed(options: tuple[str, ...]) -> str:
     }
     needless = {*typed, *(CLOCK if typed & CLOCK else ()), *(() if _name() == "fit" else ONLY_FIT)}
     pairs = [pair for pair in zip(options[::2], options[1::2], strict=True) if pair[0] not in needless]
-    return " ".join([command_line(with_output=True), *map(shlex.join, pairs)])
+    return shlex.join([*typed_words(with_output=True), *chain(*pairs)])
 
 
 def _name() -> str:
     return click.get_current_context().info_name or ""
-
-
-#: Options that one input takes, and several do not, with what they are without them.
-NOT_YET = {
-    "bias": False, "feedthrough": False, "input_map": "identity", "method": "auto",
-    "optimizer": "auto", "full_trace": None, "background": False,
-}  # fmt: skip
-
-
-def are_several(options: dict[str, Any]) -> bool:
-    """Return whether the options name several inputs or outputs."""
-    return any(isinstance(options.get(name), tuple) for name in ("input_column", "output_column"))
-
-
-def refuse_not_yet(options: dict[str, Any], several: str = "inputs") -> None:
-    """Raise InvalidArgumentError for an option that several inputs, or outputs, do not take yet."""
-    for name, usual in NOT_YET.items():
-        if options.get(name, usual) != usual:
-            raise InvalidArgumentError(
-                f"several {several} take no --{name.removesuffix('_column').replace('_', '-')} yet"
-            )
-
-
-def orders_of(options: dict[str, Any], inputs: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
-    """Return poles, zeros and dead time of each input: numbers, or ranges, each a tuple."""
-    return {name: _of_each(options[name], name, inputs) for name in STRUCTURE}
-
-
-def is_range(given: Any) -> bool:
-    """Return whether an order of several inputs has a range."""
-    return any(isinstance(each, tuple) for each in given)
-
-
-def numbers_of(options: dict[str, Any], inputs: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
-    """Return poles, zeros and dead time of each input, where a range is refused."""
-    refuse_not_yet(options)
-    asked = orders_of(options, inputs)
-    refuse_ranges(asked)
-    return asked
-
-
-def refuse_ranges(asked: dict[str, tuple[Any, ...]]) -> None:
-    """Raise InvalidArgumentError where an order of an input is a range."""
-    if any(map(is_range, asked.values())):
-        raise InvalidArgumentError("a range is searched by replant fit: give a number for each input here")
-
-
-def _of_each(given: tuple[Any, ...] | None, name: str, inputs: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return a number for each input, or a range: those given, or 0 for all."""
-    if given is not None and len(given) > 1 and not isinstance(given, Each):
-        return (given,) * len(inputs)
-    example = ",".join("1" for _ in inputs)
-    if given is None or (name != "poles" and given == (0.0,)):
-        return (0,) * len(inputs)
-    if len(given) != len(inputs) or not (isinstance(given, Each) or len(inputs) == 1):
-        got = f"{len(given)} numbers" if isinstance(given, Each) else "one number"
-        raise InvalidArgumentError(
-            f"--{name} must have a number for each of {len(inputs)} inputs ({', '.join(inputs)}), as in {example}: "
-            f"got {got}"
-        )
-    return tuple(given)

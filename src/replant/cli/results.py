@@ -16,15 +16,15 @@ from typing import Any
 import click
 
 from replant.cli.advice import OTHER_LOG, NextStep, next_step
-from replant.cli.conditioning_options import NAMES as STRETCH_NAMES
-from replant.cli.conditioning_options import is_conditioned
-from replant.cli.messages import is_quiet, note
+from replant.cli.conditioning_options import STRETCHES, is_conditioned
+from replant.cli.messages import is_given, note, terminal
 from replant.cli.option_types import Choice, command_line, group, path_option
 from replant.cli.run_fit_compare_options import read
 from replant.errors import InvalidArgumentError
 from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.model_file import check_target
+from replant.fitting.search_result import SearchResult
 from replant.fitting.several_outputs import MatrixModel
 from replant.fitting.validation import Validation
 from replant.logs import Log, read_columns
@@ -42,7 +42,7 @@ REQUIRE = click.option(
     "--require", "required", type=Choice(["trusted"]), help="Exit with code 3 where a verdict is another one."
 )
 OTHER_LOGS = "Compare the model with another log of the same columns; repeat the option for several."
-#: The options that `Keeping` takes.
+#: The options that `Delivery` takes, but for those that commands without a model have, too.
 keeping_options = group(
     path_option("--validate", "LOG2", OTHER_LOGS, "other_logs", multiple=True),
     path_option("--save", "FILE", "Write the model (.json).", "saved"),
@@ -51,38 +51,37 @@ keeping_options = group(
 
 
 @dataclass(frozen=True)
-class Keeping:
-    """What is to be done with a model."""
+class Delivery:
+    """What is to be done with a result and its model."""
 
-    saved: Path | None  # file to write it to
+    as_json: bool
+    out: Path | None  # folder for plots and report
+    saved: Path | None  # file to write the model to
     other_logs: tuple[Path, ...]  # logs to validate it on
     required: str | None  # the verdict that is asked for
     columns: dict[str, Any]  # the options that name the columns and the clock of the logs
 
     @classmethod
-    def of(cls, options: dict[str, Any]) -> Keeping:
-        """Take the options of this module out of those of a command."""
-        saved, logs, required = (options.pop(name) for name in ("saved", "other_logs", "required"))
-        if saved is not None:
-            check_target(saved)
-        for path in logs:
+    def of(cls, options: dict[str, Any]) -> Delivery:
+        """Take these options out of those of a command."""
+        taken = {name: options.pop(name) for name in ("as_json", "out", "saved", "other_logs", "required")}
+        found = cls(**taken, columns=dict(options))
+        if found.saved is not None:
+            check_target(found.saved)
+        for path in found.other_logs:
             if not path.exists():
                 raise InvalidArgumentError(f"--validate {path}: no such file")
-        return cls(saved, logs, required, dict(options))
+        return found
 
-    def validated(self, model: Model | RowModel) -> list[tuple[str, Validation]]:
-        """Return the model's validation on each of the other logs, by the name of the log."""
-        path: Path = self.columns["log"]
+    def validated(self, model: Model | RowModel, **others: Any) -> list[tuple[str, Validation]]:
+        """Return the model's validation on each stretch and log, by name; ``others`` are other columns."""
+        path, columns = self.columns["log"], self.columns | dict.fromkeys(STRETCHES) | others
         stretches = []
         for begin, end in self.columns.get("validate_on") or ():
             part = {"begin": begin, "end": end if math.isfinite(end) else None}
             name = f"{path.name}, {begin:g} s to {f'{end:g} s' if math.isfinite(end) else 'the end'}"
-            stretches.append((name, model.validate(read(self._columns | part))))
-        return stretches + validated(model, self.other_logs, self._columns)
-
-    @property
-    def _columns(self) -> dict[str, Any]:
-        return {**self.columns, **dict.fromkeys(STRETCH_NAMES)}
+            stretches.append((name, model.validate(read(columns | part))))
+        return stretches + validated(model, self.other_logs, columns)
 
     def save(self, model: Model | RowModel | MatrixModel) -> list[Path]:
         """Write a model into the file that was asked for; return it."""
@@ -128,12 +127,14 @@ def whole_log(path: Path, columns: dict[str, Any]) -> Log:
     return read({**columns, "begin": None, "end": None, "log": path})
 
 
-def model_clock(path: Path, columns: dict[str, Any], dt: float) -> dict[str, Any]:
-    """Return the model's sampling time where neither the log nor an option tells one."""
-    if columns["dt"] is not None or columns["time_column"] is not None:
-        return {}
-    table = read_columns(path)
-    return {"dt": dt} if table.dt is None and not time_columns(table) else {}
+def as_modelled(path: Path, columns: dict[str, Any], model: Model | RowModel | MatrixModel) -> dict[str, Any]:
+    """Return columns with those of the model, and its sampling time, where neither an option nor the log tells them."""
+    named = {"input_column": model.input_name, "output_column": model.output_name}
+    found = columns | {role: columns[role] or name for role, name in named.items()}
+    if columns["dt"] is None and columns["time_column"] is None:
+        table = read_columns(path)
+        found["dt"] = model.dt if table.dt is None and not time_columns(table) else None
+    return found
 
 
 def kept(model: Model, log: Log) -> Model:
@@ -145,44 +146,42 @@ CONDITIONED = "# options of the command change the log first: repeat the command
 
 
 def deliver(
-    result: Result,
-    log: Log,
-    keeping: Keeping,
-    *,
-    as_json: bool,
-    out: Path | None,
-    more: dict[str, Any],
-    **report: Any,
+    to: Delivery, result: Result, log: Log, *, tried: SearchResult | None = None, more: dict[str, Any], **report: Any
 ) -> None:
-    """Print a result, write its plots and its report, save and validate its model."""
-    from rich.console import Console
+    """Print a result, write its plots and its report, save and validate its model.
 
+    ``tried`` are structures among which it was chosen, ``more`` goes into its JSON and ``report`` onto its page.
+    """
     result = dataclasses.replace(result, model=kept(result.model, log))
-    validations = keeping.validated(result.model)
-    paths = keeping.save(result.model)
-    asked = not (is_quiet() or validations)
-    step = _next(result, log, keeping, is_searched="candidates" in report) if asked else None
-    if out is not None:
+    validations = to.validated(result.model)
+    paths = to.save(result.model)
+    step = None if is_given("quiet") or validations else _next(to, result, log, is_searched=tried is not None)
+    if to.out is not None:
         from replant.report.figures import save_figures
         from replant.report.result_page import write_report
 
         if is_conditioned(click.get_current_context().params):
             report["python"] = CONDITIONED
+        if tried is not None:
+            report["candidates"] = as_text.HEADINGS, as_text.rows_of(tried), tried.rest
+        advice = None if step is None else (step.words, step.command)
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
-        with write_errors_reported(out):
-            paths += save_figures(out, result, log.input, log.output, log.dt, **names)
-            report["validations"] = validations
-            report["advice"] = None if step is None else (step.words, step.command)
-            paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
-    if as_json:
-        echo_json(as_text.as_json(result) | more, validations)
+        with write_errors_reported(to.out):
+            paths += save_figures(to.out, result, log.input, log.output, log.dt, **names)
+            report |= {"validations": validations, "advice": advice, "command": command_line()}
+            paths.append(write_report(to.out / "report.html", result, log, **report))
+    if to.as_json:
+        structures = {} if tried is None else {"candidates": as_text.candidates_as_json(tried)}
+        echo_json(as_text.as_json(result) | structures | more, validations)
     else:
+        if tried is not None:
+            as_text.print_candidates(terminal(), tried)
         record = as_text.record_line(len(log) - log.rest, log.dt, log.duration)
-        as_text.print_result(Console(), result, record=record, lead="" if step is None else step.words)
+        as_text.print_result(terminal(), result, record=record, lead="" if step is None else step.words)
         if result.settings is not None:
             click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
         print_rest(validations, paths, step)
-    check_required(keeping.required, [result.verdict, *(each.verdict for _, each in validations)])
+    check_required(to.required, [result.verdict, *(each.verdict for _, each in validations)])
 
 
 def echo_json(whole: dict[str, Any], validations: Sequence[tuple[str, Validation]]) -> None:
@@ -196,20 +195,18 @@ def print_rest(
     validations: Sequence[tuple[str, Validation]], paths: Sequence[Path], step: NextStep | None = None
 ) -> None:
     """Print the validations of a model, what was written, and what to do next."""
-    from rich.console import Console
-
     for name, found in validations:
-        as_text.print_validation(Console(), found, name)
+        as_text.print_validation(terminal(), found, name)
     for path in paths:
         click.echo(f"wrote {path}")
     if step is not None:
         click.echo(f"\nNext: {step.words}:\n{step.command}")
 
 
-def _next(result: Result, log: Log, keeping: Keeping, *, is_searched: bool) -> NextStep:
+def _next(to: Delivery, result: Result, log: Log, *, is_searched: bool) -> NextStep:
     """Return what to do with the model, as far as the command did not ask for it."""
-    if keeping.saved is not None and result.verdict.status == "trusted":
-        command = shlex.join(["replant", "validate", typed_path(keeping.saved), OTHER_LOG])
+    if to.saved is not None and result.verdict.status == "trusted":
+        command = shlex.join(["replant", "validate", typed_path(to.saved), OTHER_LOG])
         return NextStep("check the model on another log", command)
     path = str(click.get_current_context().params["logs"][0])
     return next_step(result, log, path, is_searched=is_searched)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,19 +12,24 @@ from typing import Any
 import click
 import numpy as np
 
-from replant.cli.conditioning_options import CONDITIONING, STRETCHES, conditioned, input_hold_of, is_conditioned
-from replant.cli.messages import ASKED, QUIET, note
+from replant.cli.conditioning_options import (
+    condition_options,
+    conditioned,
+    input_hold_of,
+    is_conditioned,
+    stretch_options,
+)
+from replant.cli.messages import note
 from replant.cli.option_types import (
     JSON,
     STRUCTURE,
+    Candidates,
     Choice,
-    Each,
-    OptimizerChoice,
-    Option,
     check_complete,
     column_option,
     flag,
     group,
+    optimizer_of,
     path_option,
     structure_options,
     typed,
@@ -52,19 +56,14 @@ INPUT_MAP = click.option(
 )
 OPTIMIZER = click.option(
     "--optimizer",
-    type=OptimizerChoice(),
+    type=optimizer_of,
     default="auto",
+    metavar="NAME[:SETTING=X,...]",
     show_default=True,
     help="Method of updating the estimate; auto is recursive least squares with instruments.  Others: "
     f"{', '.join(OPTIMIZERS)}.  Settings behind a colon, as in amsgrad:step_size=0.001; else they are chosen from the "
     "data.",
 )
-INPUT_HOLD = click.option(
-    "--input-hold",
-    type=Choice(["zoh", "foh"]),
-    help="The input between two samples: held (zoh), or a straight line (foh).  [default: zoh; foh with --decimate]",
-)
-
 _STAMPS_COUNT = "each sample counts at its own time (--dt S instead would take the clock for regular)"
 _LOGS = click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="LOG...")
 _INPUT = column_option("input", "Column of the input: name, or number from 0.")
@@ -108,37 +107,30 @@ _REST = group(
     JSON,
 )
 _OUT = path_option("--out", "DIR", "Write plots (PNG) and report.html here.")
-_CONDITION = group(INPUT_HOLD, *CONDITIONING)
-_STRETCHES = group(*STRETCHES)
+_REST_OF_LOGS = group(condition_options, stretch_options, _REST, _OUT)
+run_options = group(_LOGS, _INPUTS, _OUTPUTS, _REFERENCES, _EACH, _REST_OF_LOGS)
+fit_options = group(_LOGS, _INPUTS, _OUTPUTS, _REFERENCES, _STRUCTURES, _REST_OF_LOGS)
+#: Those of a command with one structure.
+compare_options = group(_LOGS, _INPUT, _OUTPUT, _REFERENCE, _STRUCTURE, condition_options, _REST, _OUT)
+#: Those of a fleet, whose logs are many, and its results a folder.
+fleet_options = group(click.argument("logs"), _INPUTS, _OUTPUT, _REFERENCES, _OF_INPUTS, _REST, OPTIMIZER)
 
 
-def checked_options(
-    *options: Option, several: str = "", otherwise: Callable[[dict[str, Any]], bool] = lambda given: False
-) -> Option:
-    """Return a decorator that adds options, and looks at them before the command runs.
+def begin(given: dict[str, Any], several: str = "") -> None:
+    """Look at the options before the command does its work; several logs are refused in these words, if any."""
+    check_said(given)
+    if isinstance(given["logs"], tuple):
+        if several and len(given["logs"]) > 1:
+            raise click.UsageError(several)
+        given["log"] = given["logs"][0]
+    check_complete(given)
+    _note_on_step(given)
 
-    Several logs are refused in the words of ``several``, if there are any; ``otherwise`` may do the command's work.
-    """
 
-    def decorated(command: Callable[..., Any]) -> Any:
-        @functools.wraps(command)
-        def checked(*, quiet: bool, progress: bool, **given: Any) -> Any:
-            if quiet and progress:
-                raise click.UsageError("--quiet and --progress: give one of them")
-            click.get_current_context().meta.update({QUIET: quiet, ASKED: progress})
-            if isinstance(given.get("logs"), tuple):
-                if otherwise(given):
-                    return None
-                if several and len(given["logs"]) > 1:
-                    raise click.UsageError(several)
-                given["log"] = given["logs"][0]
-            check_complete(given)
-            _note_on_step(given)
-            return command(**given)
-
-        return group(*options)(checked)
-
-    return decorated
+def check_said(given: dict[str, Any]) -> None:
+    """Raise UsageError where a command is to be quiet and to print its progress."""
+    if given["quiet"] and given["progress"]:
+        raise click.UsageError("--quiet and --progress: give one of them")
 
 
 def _note_on_step(given: dict[str, Any]) -> None:
@@ -148,26 +140,8 @@ def _note_on_step(given: dict[str, Any]) -> None:
         return
     first, last = map(float, asked.split(":"))
     if first < last:
-        tried, tenth = len(given["delay"]), 0.1 * (last - first)
+        tried, tenth = len(given["delay"][0]), 0.1 * (last - first)
         note(f"--delay {asked}: in steps of 1 s, {tried} in all; give another step as in {asked}:{tenth:g}")
-
-
-_COLUMNS = _LOGS, _INPUTS, _OUTPUTS, _REFERENCES
-_REST_OF_LOGS = _CONDITION, _STRETCHES, _REST, _OUT
-run_options = checked_options(
-    *_COLUMNS, _EACH, *_REST_OF_LOGS,
-    several="replant run takes one log, in one pass; replant fit makes one model of several",
-)  # fmt: skip
-fit_options = checked_options(*_COLUMNS, _STRUCTURES, *_REST_OF_LOGS)
-#: Those of a fleet, whose logs are many, and its results a folder.
-fleet_options = checked_options(click.argument("logs"), _INPUTS, _OUTPUT, _REFERENCES, _OF_INPUTS, _REST, OPTIMIZER)
-
-
-def compare_options(otherwise: Callable[[dict[str, Any]], bool]) -> Option:
-    """Return the decorator of a command with one structure and one log, unless ``otherwise`` does its work."""
-    several = "replant compare takes one log, or saved models and a log"
-    columns = _LOGS, _INPUT, _OUTPUT, _REFERENCE
-    return checked_options(*columns, _STRUCTURE, _CONDITION, _REST, _OUT, several=several, otherwise=otherwise)
 
 
 def read_several(options: dict[str, Any]) -> list[Log]:
@@ -194,71 +168,24 @@ def request_of(options: dict[str, Any], dt: float) -> Request:
 def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) -> Recording:
     """Check the log that the options name, which may be of any length, and open it; see `open_recording`."""
     structure_of(options)
-    recording = open_recording(options["log"], **columns_of(options), progress=progress)
-    _note(options, recording)
-    recording = with_others(recording)
-    if is_conditioned(options):
-        whole = open_recording(options["log"], **columns_of(options), most_held=sys.maxsize)
-        return whole.of_log(conditioned(with_others(whole).held, options))
-    return recording
-
-
-def structure_of(options: dict[str, Any]) -> Structure:
-    """Return the one structure that the options describe, of one input; an impossible one is refused."""
-    check_one_input(options)
-    for name in STRUCTURE:
-        if len(options[name] or (0,)) > 1:
-            raise InvalidArgumentError(
-                f"--{name} must be one number here: a range learns side by side in `replant run`, and `replant fit` "
-                "searches it"
-            )
-    zeros = options["zeros"][0] if options["zeros"] else 0
-    return Structure(options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"])
-
-
-def are_ranges(options: dict[str, Any]) -> bool:
-    """Return whether poles, zeros or dead time of one input are a range."""
-    return any(len(options[name] or ()) > 1 and not isinstance(options[name], Each) for name in STRUCTURE)
-
-
-def structures_of(options: dict[str, Any]) -> list[Structure]:
-    """Return the structures that ranges describe, but for impossible ones."""
-    check_one_input(options)
-    if options["feedthrough"]:
-        raise InvalidArgumentError("a range of structures is taken without --feedthrough: give one number of each")
-    pairs = [(n, m) for n in options["poles"] for m in options["zeros"] or (0,) if m < n]
-    if not pairs:
-        raise InvalidArgumentError("--zeros must be fewer than --poles")
-    return [Structure(n, m, delay, options["bias"]) for n, m in pairs for delay in options["delay"]]
-
-
-def check_one_input(options: dict[str, Any]) -> None:
-    """Raise InvalidArgumentError where references, poles, zeros or dead time are those of several inputs."""
-    if isinstance(options.get("reference_column"), tuple):
-        check_one_reference(len(options["reference_column"]))
-    for name in STRUCTURE:
-        if isinstance(options[name], Each):
-            one = f", {options['input_column']}" if options["input_column"] else ""
-            raise InvalidArgumentError(
-                f"--{name} has {len(options[name])} numbers, and there is one input{one}: name the others, each with -i"
-            )
-
-
-def preprocess_of(options: dict[str, Any]) -> Preprocess:
-    """Return input map and working point, which is the record's mean: a rig is rarely at rest at zero."""
-    return Preprocess(options["input_map"], "mean", "mean")
+    if not is_conditioned(options):
+        return _opened(options, progress=progress)
+    whole = _opened(options, progress=progress, most_held=sys.maxsize)
+    return whole.of_log(conditioned(whole.held, options))
 
 
 def read(options: dict[str, Any]) -> Log:
     """Read the log that the options name."""
-    recording = open_recording(options["log"], **columns_of(options), most_held=sys.maxsize)
-    _note(options, recording)
-    log = conditioned(with_others(recording).held, options)
+    log = conditioned(_opened(options, most_held=sys.maxsize).held, options)
     return replace(log, input_hold=input_hold_of(options))
 
 
-def _note(options: dict[str, Any], recording: Recording) -> None:
-    """Print on standard error what is to be known about a log: what was left out, and doubts about its clock."""
+def _opened(options: dict[str, Any], **how: Any) -> Recording:
+    """Open the log that the options name, and print on standard error what is to be known about it.
+
+    That is what was left out, and doubts about its clock.
+    """
+    recording = open_recording(options["log"], **columns_of(options), **how)
     for found_in_file in recording.table.notes:
         note(found_in_file)
     if recording.irregular:
@@ -271,9 +198,106 @@ def _note(options: dict[str, Any], recording: Recording) -> None:
         note(f"{contradiction}; --dt is used")
     if recording.doubt and recording.dt >= COARSE:
         note(f"{options['log']}: {recording.doubt}")
+    return with_others(recording)
 
 
 def columns_of(options: dict[str, Any]) -> dict[str, Any]:
     """Return the columns of a log, its clock and its part, as `open_recording` takes them."""
     named = {role: options[f"{role}_column"] for role in ("input", "output", "time", "reference")}
     return named | {name: options[name] for name in ("dt", "begin", "end")}
+
+
+def preprocess_of(options: dict[str, Any]) -> Preprocess:
+    """Return input map and working point, which is the record's mean: a rig is rarely at rest at zero."""
+    return Preprocess(options["input_map"], "mean", "mean")
+
+
+# --- structures: an option of the structure has the candidates of each input
+
+
+def structure_of(options: dict[str, Any]) -> Structure:
+    """Return the one structure that the options describe, of one input; an impossible one is refused."""
+    check_one_input(options)
+    for name in STRUCTURE:
+        if is_range(options[name]):
+            raise InvalidArgumentError(
+                f"--{name} must be one number here: a range learns side by side in `replant run`, and `replant fit` "
+                "searches it"
+            )
+    zeros = options["zeros"][0][0] if options["zeros"] else 0
+    return Structure(options["poles"][0][0], zeros, options["delay"][0][0], options["bias"], options["feedthrough"])
+
+
+def structures_of(options: dict[str, Any]) -> list[Structure]:
+    """Return the structures that ranges describe, but for impossible ones."""
+    check_one_input(options)
+    if options["feedthrough"]:
+        raise InvalidArgumentError("a range of structures is taken without --feedthrough: give one number of each")
+    (poles,), (zeros,), (delays,) = options["poles"], options["zeros"] or ((0,),), options["delay"]
+    pairs = [(n, m) for n in poles for m in zeros if m < n]
+    if not pairs:
+        raise InvalidArgumentError("--zeros must be fewer than --poles")
+    return [Structure(n, m, delay, options["bias"]) for n, m in pairs for delay in delays]
+
+
+def check_one_input(options: dict[str, Any]) -> None:
+    """Raise InvalidArgumentError where references, poles, zeros or dead time are those of several inputs."""
+    if isinstance(options.get("reference_column"), tuple):
+        check_one_reference(len(options["reference_column"]))
+    for name in STRUCTURE:
+        if len(options[name] or ()) > 1:
+            one = f", {options['input_column']}" if options["input_column"] else ""
+            raise InvalidArgumentError(
+                f"--{name} has {len(options[name])} numbers, and there is one input{one}: name the others, each with -i"
+            )
+
+
+def is_range(given: Candidates | None) -> bool:
+    """Return whether an input has several candidates."""
+    return any(len(each) > 1 for each in given or ())
+
+
+def are_ranges(options: dict[str, Any]) -> bool:
+    """Return whether poles, zeros or dead time of one input are a range."""
+    return any(is_range(options[name]) for name in STRUCTURE)
+
+
+def are_several(options: dict[str, Any]) -> bool:
+    """Return whether the options name several inputs or outputs."""
+    return any(isinstance(options[name], tuple) for name in ("input_column", "output_column"))
+
+
+#: Options that one input takes, and several do not, with what they are without them.
+NOT_YET = {
+    "bias": False, "feedthrough": False, "input_map": "identity", "method": "auto",
+    "optimizer": "auto", "full_trace": None, "background": False,
+}  # fmt: skip
+
+
+def refuse_not_yet(options: dict[str, Any], several: str = "inputs") -> None:
+    """Raise InvalidArgumentError for an option that several inputs, or outputs, do not take yet."""
+    for name, usual in NOT_YET.items():
+        if options.get(name, usual) != usual:
+            raise InvalidArgumentError(f"several {several} take no --{name.replace('_', '-')} yet")
+
+
+def orders_of(options: dict[str, Any], inputs: tuple[str, ...]) -> dict[str, Candidates]:
+    """Return poles, zeros and dead time of each of several inputs; 0, or a range, stands for all."""
+    asked = {name: options[name] or ((0,),) for name in STRUCTURE}
+    for name, given in asked.items():
+        if len(given) == 1 and (is_range(given) or (name != "poles" and given == ((0,),))):
+            asked[name] = given * len(inputs)
+        elif len(given) != len(inputs):
+            got = f"{len(given)} numbers" if len(given) > 1 else "one number"
+            raise InvalidArgumentError(
+                f"--{name} must have a number for each of {len(inputs)} inputs ({', '.join(inputs)}), as in "
+                f"{','.join('1' * len(inputs))}: got {got}"
+            )
+    return asked
+
+
+def numbers_of(asked: dict[str, Candidates]) -> dict[str, tuple[Any, ...]]:
+    """Return poles, zeros and dead time of each input as numbers; a range is refused."""
+    if any(map(is_range, asked.values())):
+        raise InvalidArgumentError("a range is searched by replant fit: give a number for each input here")
+    return {name: tuple(number for (number,) in each) for name, each in asked.items()}
