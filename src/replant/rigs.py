@@ -8,15 +8,7 @@ import numpy as np
 
 from replant.model.preprocess import Preprocess
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import (
-    FloatArray,
-    finite,
-    instance,
-    keep,
-    not_negative,
-    one_of,
-    vector,
-)
+from replant.numerics.arguments import FloatArray, finite, instance, keep, not_negative, one_of, vector
 from replant.numerics.limits import count, duration
 from replant.signals import random_steps, white_noise
 

@@ -7,14 +7,7 @@ import math
 import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
-from replant.numerics.arguments import (
-    FloatArray,
-    between,
-    finite,
-    positive,
-    vector,
-    whole,
-)
+from replant.numerics.arguments import FloatArray, between, finite, positive, vector, whole
 from replant.numerics.limits import count, duration
 
 # Feedback taps (stages counted from 1) with which a shift register runs through all 2^n - 1 states.  SciPy's own taps
@@ -26,9 +19,7 @@ _TAPS = {
 }  # fmt: skip
 
 LARGEST_RMS = 1e300  # largest standard deviation of noise that stays within float64 [the signal's unit]
-
 LONGEST_STEP = 40.0  # longest step, longer than any signal in memory [logarithm of samples]
-
 MOST_TURNS = 1e15  # turns of a sine of which float64 still tells the angle [turns]
 
 
@@ -200,8 +191,7 @@ def chirp(samples: int, dt: float, first: float, last: float, amplitude: float =
     # `scipy.signal.chirp` is a cosine; with a phase of -90 degrees it differs in the last digits, and is not 0 at t = 0
     samples, dt, amplitude = count("samples", samples, 1, 8), duration("dt", dt), finite("amplitude", amplitude)
     first, last = positive("first", first), positive("last", last)
-    t = np.arange(samples) * dt
-    lasts = samples * dt
+    t, lasts = np.arange(samples) * dt, samples * dt
     if max(first, last) * lasts > MOST_TURNS:
         raise InvalidArgumentError(
             f"first and last must be smaller, got {first:g} and {last:g} Hz: float64 does not tell so many turns apart"
@@ -227,9 +217,5 @@ def white_noise(samples: int, rms: float, seed: int = 0) -> FloatArray:
     >>> float(white_noise(1000, rms=2.0).std().round(1))
     2.0
     """
-    samples, rms, seed = (
-        count("samples", samples, 0, 4),
-        between("rms", rms, 0.0, LARGEST_RMS, closed="both"),
-        whole("seed", seed, 0),
-    )
-    return np.asarray(rms * np.random.default_rng(seed).standard_normal(samples))
+    samples, rms = count("samples", samples, 0, 4), between("rms", rms, 0.0, LARGEST_RMS, closed="both")
+    return np.asarray(rms * np.random.default_rng(whole("seed", seed, 0)).standard_normal(samples))

@@ -123,14 +123,12 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         u, y = self._checked_record(X, y, sum(each.size for each in structures) + 1, reset=True)
         self._identifier: Any = None
         if self._has_row:
-            self._use_row(fit(u, y, dt, **_orders(structures)).model)
-            return self
+            return self._use_row(fit(u, y, dt, **_orders(structures)).model)
         (structure,) = structures
         found = fit(u, y, dt, structure, method=method, preprocess=Preprocess("identity", "mean", "mean"))
         std = np.full(structure.size, np.nan) if found.uncertainty is None else found.uncertainty.std
-        self._set_model(found.transfer_function, found.parameters, std)
-        self._set_working_point(float(found.preprocess.input_offset), found.simulation.offset)
-        return self
+        rest = float(found.preprocess.input_offset), found.simulation.offset
+        return self._use((found.transfer_function,), found.parameters, std, rest)
 
     def partial_fit(self, X: Any, y: Any) -> Self:
         """Continue online with the rows that follow; the first call, also after ``fit`` or new parameters, starts anew.
@@ -150,52 +148,56 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         known: Any = ident.structures if isinstance(ident, RowIdentifier) else (getattr(ident, "structure", None),)
         if ident is None or (known, ident.dt) != (structures, dt):
             u, y = self._checked_record(X, y, 1, reset=True)
-            ident = self._begun(structures, dt)
+            if self._has_row:
+                ident = RowIdentifier(dt=dt, **_orders(structures))
+            else:
+                ident = Identifier(structures[0], dt, preprocess=Preprocess("identity", "mean", "mean"))
             self._identifier, self._recent = ident, np.empty((0, 2))
         else:
             u, y = self._checked_record(X, y, 1, reset=False)
         ident.update_many(u, y)
         if self._has_row:
-            self._adopt_row(ident)
-            return self
+            return self._adopt_row(ident)
         self._recent = np.concatenate([self._recent, np.column_stack([u, y])])[-RECENT:]
-        self._adopt(ident)
-        return self
-
-    def _begun(self, structures: tuple[Structure, ...], dt: float) -> Any:
-        if self._has_row:
-            return RowIdentifier(dt=dt, **_orders(structures))
-        return Identifier(structures[0], dt, preprocess=Preprocess("identity", "mean", "mean"))
+        return self._adopt(ident)
 
     @quiet
-    def _adopt_row(self, ident: RowIdentifier) -> None:
+    def _adopt_row(self, ident: RowIdentifier) -> Self:
         """Use the model of an identifier of several inputs; while there is none, one that knows the output's mean."""
         if not ident.has_model:
             ident = ident.clone()
             ident.finish()
         if ident.has_model:
-            self._use_row(ident.model)
-            return
-        u, y = ident.recent
-        self._set_row(ident.transfer_functions, ident.parameters, np.full(ident.parameters.size, np.nan))
-        self._set_working_point(u.mean(axis=0), float(y.mean()))
-
-    def _use_row(self, model: RowModel) -> None:
-        assert model.covariance is not None, "an estimate has a covariance"
-        self._set_row(model.transfer_functions, model.parameters, np.sqrt(np.diag(model.covariance)))
-        self._set_working_point(model.input_levels, model.output_level)
+            return self._use_row(ident.model)
+        (u, y), std = ident.recent, np.full(ident.parameters.size, np.nan)
+        return self._use(ident.transfer_functions, ident.parameters, std, (u.mean(axis=0), float(y.mean())))
 
     @quiet
-    def _adopt(self, ident: Identifier) -> None:
+    def _adopt(self, ident: Identifier) -> Self:
         """Use the identifier's model; during its start-up, the model that it would begin with."""
         if ident.settings is None:
             ident = ident.clone()
             ident.finish()
-        self._set_model(ident.transfer_function, ident.parameters, ident.uncertainty.std)
         u, y = self._recent.T
         input_offset = float(ident.settings.preprocess.input_offset) if ident.settings else float(u.mean())
         run = simulate(ident.transfer_function, u - input_offset, y, ident.dt)
-        self._set_working_point(input_offset, run.offset if np.isfinite(run.output).all() else float(y.mean()))
+        rest = input_offset, run.offset if np.isfinite(run.output).all() else float(y.mean())
+        return self._use((ident.transfer_function,), ident.parameters, ident.uncertainty.std, rest)
+
+    def _use_row(self, model: RowModel) -> Self:
+        assert model.covariance is not None, "an estimate has a covariance"
+        std = np.sqrt(np.diag(model.covariance))
+        return self._use(model.transfer_functions, model.parameters, std, (model.input_levels, model.output_level))
+
+    def _use(
+        self, models: tuple[TransferFunction, ...], parameters: FloatArray, std: FloatArray, rest: tuple[Any, float]
+    ) -> Self:
+        """Keep what scikit-learn finds in the attributes; ``rest`` is the working point."""
+        if not self._has_row:
+            (self.transfer_function_,) = models
+        self.transfer_functions_, self.parameters_, self.std_ = models, parameters, std
+        self.input_offset_, self.output_offset_ = rest
+        return self
 
     def predict(self, X: Any) -> FloatArray:
         """Return the output (K,) simulated from the input alone, from rest at the working point.
@@ -281,16 +283,6 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         if column >= X.shape[1]:
             raise InvalidArgumentError(f"X has {X.shape[1]} columns, numbered from 0, and no column {shown(column)}")
         return np.ascontiguousarray(X[:, column])
-
-    def _set_model(self, model: TransferFunction, parameters: FloatArray, std: FloatArray) -> None:
-        self.transfer_function_ = model
-        self._set_row((model,), parameters, std)
-
-    def _set_row(self, models: tuple[TransferFunction, ...], parameters: FloatArray, std: FloatArray) -> None:
-        self.transfer_functions_, self.parameters_, self.std_ = models, parameters, std
-
-    def _set_working_point(self, input_offset: float | FloatArray, output_offset: float) -> None:
-        self.input_offset_, self.output_offset_ = input_offset, output_offset
 
 
 def _orders(structures: tuple[Structure, ...]) -> dict[str, Any]:

@@ -7,17 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from replant.paper.actuator import Course, measure, measure_rig
+from replant.paper.actuator import measure, measure_rig
 from replant.paper.figures import FIGURES, compute
 from replant.paper.rendering import _listed, _short, typeset
 from replant.paper.tables import TABLES, Cell, Plant, reproduce, run_seeds, thin
 
 
 def test_measures_of_a_course() -> None:
-    course = Course(np.zeros(1), np.arange(1, 5), np.array([[1.0], [3.0], [2.1], [2.0]]), length=4)
-    found = measure(course, {"a0": 2.0}, dt=0.5)
-    assert found.index == {"a0": pytest.approx(2.0**2 + 1.0**2 + 1.0**2 + 0.1**2)}
-    assert (found.error, found.settled) == ({"a0": 0.0}, {"a0": 1.5})
+    found = measure(np.zeros(1), np.array([[1.0], [3.0], [2.1], [2.0]]), {"a0": 2.0}, dt=0.5)
+    assert found["J"] == {"a0": pytest.approx(2.0**2 + 1.0**2 + 1.0**2 + 0.1**2)}
+    assert (found["error"], found["settled"]) == ({"a0": 0.0}, {"a0": 1.5})
 
 
 def test_the_rig_of_table_6() -> None:

@@ -6,8 +6,7 @@ They are `DCmotor_prbs_open_exp.csv` and `DCmotor_step_open_exp.csv` of the UNDC
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from importlib import resources
 from pathlib import Path
 
@@ -41,8 +40,6 @@ def motor_step() -> Log:
         return read_log(path, input="u", output="y")
 
 
-@contextmanager
-def path_of(name: str) -> Iterator[Path]:
+def path_of(name: str) -> AbstractContextManager[Path]:
     """Give the path of one of the files."""
-    with resources.as_file(resources.files(__name__).joinpath(name)) as path:
-        yield path
+    return resources.as_file(resources.files(__name__).joinpath(name))

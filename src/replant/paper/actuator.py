@@ -21,6 +21,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -37,7 +39,6 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 from replant.online.runs.run import run_online
-from replant.online.trace import Trace
 from replant.paper.tables import Curve, transients
 from replant.rigs import Rig, deap_rig, deap_voltage
 from replant.verdict import simulate
@@ -45,66 +46,37 @@ from replant.verdict import simulate
 BAND = 0.1  # distance within which an estimate counts as settled [part of the true value]
 
 
-@dataclass(frozen=True, eq=False)
-class Course:
-    """An estimate over a record of K samples, complete or thinned; between rows it is taken as constant."""
-
-    start: FloatArray  # (P,): the estimate before the first sample
-    samples: npt.NDArray[np.int64]  # (H,): after how many samples each row was taken, ascending
-    parameters: FloatArray  # (H, P)
-    length: int  # K
-
-    @classmethod
-    def of(cls, trace: Trace) -> Course:
-        """Return the course of a trace, with every sample."""
-        return cls(trace.start, np.arange(1, len(trace) + 1), trace.parameters, len(trace))
+Measures = Mapping[str, Mapping[str, Any]]  # by "error", "J", "settled" or "roughness", then by coefficient
 
 
-@dataclass(frozen=True)
-class Measures:
-    """The measures by coefficient, see the description of the module."""
+def measure(
+    start: FloatArray,
+    parameters: FloatArray,
+    true: Mapping[str, float],
+    dt: float,
+    samples: npt.NDArray[np.int64] | None = None,
+    length: int | None = None,
+) -> Measures:
+    """Return the measures of the first ``len(true)`` parameters of an estimate, see the description of the module.
 
-    index: Mapping[str, float]
-    error: Mapping[str, float]
-    settled: Mapping[str, float | None]
-    roughness: Mapping[str, float]
-
-    @property
-    def index_sum(self) -> float:
-        """The article's J_sum."""
-        return sum(self.index.values())
-
-    @property
-    def all_settled(self) -> float | None:
-        """Time in s from which on every coefficient stays within 10 %; None if one does not."""
-        times = [time for time in self.settled.values() if time is not None]
-        return max(times) if len(times) == len(self.settled) else None
-
-    @property
-    def roughest(self) -> float:
-        """The largest roughness of a coefficient, in percent."""
-        return max(self.roughness.values())
-
-
-def measure(course: Course, true: Mapping[str, float], dt: float) -> Measures:
-    """Return the measures of the first ``len(true)`` parameters of a course."""
-    values = course.parameters[:, : len(true)]
-    target = np.array(list(true.values()))
+    Its rows (H, P) were taken after as many ``samples`` each, of ``length`` in all, or after every sample; ``start``
+    (P,) is the estimate before the first one.  Between rows it is taken as constant.
+    """
+    samples = np.arange(1, len(parameters) + 1) if samples is None else samples
+    length = len(parameters) if length is None else length
+    values, target = parameters[:, : len(true)], np.array(list(true.values()))
     # samples for which each estimate, from the start on, held
-    held = np.diff(np.concatenate([[0], course.samples, [course.length]]))
-    squares = (np.vstack([course.start[None, : len(true)], values]) - target) ** 2
+    held = np.diff(np.concatenate([[0], samples, [length]]))
+    squares = (np.vstack([start[None, : len(true)], values]) - target) ** 2
     relative = (values - target) / np.abs(target)
-    tail = course.samples > 0.9 * course.length
-    roughness = _scatter(course.samples[tail] / course.length, relative[tail])
-    return Measures(
-        dict(zip(true, (held @ squares).tolist(), strict=True)),
-        dict(zip(true, (100.0 * relative[-1]).tolist(), strict=True)),
-        {
-            name: _settled(column, np.asarray(course.samples * dt, np.float64))
-            for name, column in zip(true, relative.T, strict=True)
-        },
-        dict(zip(true, (100.0 * roughness).tolist(), strict=True)),
-    )
+    tail = samples > 0.9 * length
+    found = {
+        "error": (100.0 * relative[-1]).tolist(),
+        "J": (held @ squares).tolist(),
+        "settled": [_settled(column, np.asarray(samples * dt, np.float64)) for column in relative.T],
+        "roughness": (100.0 * _scatter(samples[tail] / length, relative[tail])).tolist(),
+    }
+    return {name: dict(zip(true, each, strict=True)) for name, each in found.items()}
 
 
 def _settled(relative: FloatArray, t: FloatArray) -> float | None:
@@ -208,15 +180,28 @@ class Row:
     method: str  # method, variant: optimizer and configuration, or `OFFLINE`, or `DEFAULT`
     variant: str
     filters: str  # a key of `FILTERS`; "own" for the default
-    errors: Mapping[str, float]  # errors of the last estimate by coefficient, in percent of the true value
+    measures: Measures  # of least squares the error alone
     free_run: float  # fit in percent of the model simulated from the input alone
-    measures: Measures | None = None  # of an online run
     curves: Mapping[str, Curve] | None = None  # by coefficient, of a run with the article's optimizers
 
     @property
     def label(self) -> str:
         """Method, variant and filters, separated by commas."""
         return ", ".join(part for part in (self.method, self.variant, f"{self.filters} filters") if part)
+
+    @property
+    def errors(self) -> Mapping[str, float]:
+        """Errors of the last estimate by coefficient, in percent of the true value."""
+        return self.measures["error"]
+
+    @property
+    def totals(self) -> dict[str, float | None]:
+        """Of an online run the article's J_sum, the time from which on all are settled, and the largest roughness."""
+        if self.method == OFFLINE:
+            return {}
+        times, roughness = self.measures["settled"].values(), self.measures["roughness"].values()
+        settled = None if None in times else max(times)
+        return {"J_sum": sum(self.measures["J"].values()), "settled": settled, "roughness": max(roughness)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,10 +217,7 @@ class Actuator:
 
     def row(self, method: str, variant: str = "", filters: str = "gbt") -> Row:
         """Return one row."""
-        for row in self.rows:
-            if (row.method, row.variant, row.filters) == (method, variant, filters):
-                return row
-        raise KeyError((method, variant, filters))
+        return {(row.method, row.variant, row.filters): row for row in self.rows}[method, variant, filters]
 
     def online_rows(self, filters: str = "gbt") -> list[Row]:
         """Return the twelve runs of the article's methods with one kind of filters."""
@@ -250,17 +232,10 @@ def measure_rig(samples: int = SAMPLES, seed: int = 0) -> Record:
 
 def fit_offline(record: Record, on_run: Callable[[], None] = lambda: None) -> dict[str, FitResult]:
     """Return least squares over the whole record, by filters, as the article does for its Table 6."""
-    fits = {}
+    rig, fits = record.rig, {}
+    how: dict[str, Any] = {"method": "least_squares", "preprocess": rig.preprocess}
     for name, chosen in FILTERS.items():
-        fits[name] = fit(
-            record.u,
-            record.y,
-            record.rig.dt,
-            STRUCTURE,
-            method="least_squares",
-            filter=chosen,
-            preprocess=record.rig.preprocess,
-        )
+        fits[name] = fit(record.u, record.y, rig.dt, STRUCTURE, filter=chosen, **how)
         on_run()
     return fits
 
@@ -292,11 +267,9 @@ def reproduce_actuator(record: Record | None = None, on_run: Callable[[], None] 
     offline = fit_offline(record, on_run)
     goals = {filters: fit_normalised(record, filters) for filters in FILTERS}
     rows = []
-    for method in OPTIMIZERS:
-        for variant in GAINS:
-            for filters in FILTERS:
-                rows.append(_run(record, method, variant, filters))
-                on_run()
+    for method, variant, filters in product(OPTIMIZERS, GAINS, FILTERS):
+        rows.append(_run(record, method, variant, filters))
+        on_run()
     rows += [_offline_row(record, "", filters, fitted.parameters) for filters, fitted in offline.items()]
     rows += [_offline_row(record, NORMALISED, filters, goal) for filters, goal in goals.items()]
     rows.append(run_default(record))
@@ -309,18 +282,11 @@ def reproduce_actuator(record: Record | None = None, on_run: Callable[[], None] 
 
 
 def _run(record: Record, method: str, variant: str, filters: str) -> Row:
-    estimator = identifier(record, method, variant, filters)
+    estimator, dt = identifier(record, method, variant, filters), record.rig.dt
     trace = estimator.update_many(record.u, record.y)
-    measures = measure(Course.of(trace), record.true, record.rig.dt)
-    return Row(
-        method,
-        variant,
-        filters,
-        measures.error,
-        record.free_run(estimator.transfer_function),
-        measures,
-        transients(trace, record.rig.dt, POINTS),
-    )
+    measures = measure(trace.start, trace.parameters, record.true, dt)
+    free_run = record.free_run(estimator.transfer_function)
+    return Row(method, variant, filters, measures, free_run, transients(trace, dt, POINTS))
 
 
 def _offline_row(record: Record, variant: str, filters: str, parameters: FloatArray) -> Row:
@@ -328,7 +294,7 @@ def _offline_row(record: Record, variant: str, filters: str, parameters: FloatAr
         name: 100.0 * (value - true) / abs(true)
         for (name, true), value in zip(record.true.items(), parameters.tolist(), strict=False)
     }
-    return Row(OFFLINE, variant, filters, errors, record.free_run(STRUCTURE.transfer_function(parameters)))
+    return Row(OFFLINE, variant, filters, {"error": errors}, record.free_run(STRUCTURE.transfer_function(parameters)))
 
 
 def run_default(record: Record) -> Row:
@@ -336,6 +302,6 @@ def run_default(record: Record) -> Row:
     request = Request(STRUCTURE, record.rig.dt, preprocess=record.rig.preprocess)
     result = run_online(request, record.u, record.y)
     assert result.history is not None
-    course = Course(np.zeros(STRUCTURE.size), result.history.samples, result.history.parameters, record.u.size)
-    measures = measure(course, record.true, record.rig.dt)
-    return Row(DEFAULT, "default", "own", measures.error, record.free_run(result.transfer_function), measures)
+    start, samples, parameters = np.zeros(STRUCTURE.size), result.history.samples, result.history.parameters
+    measures = measure(start, parameters, record.true, record.rig.dt, samples, record.u.size)
+    return Row(DEFAULT, "default", "own", measures, record.free_run(result.transfer_function))

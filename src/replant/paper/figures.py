@@ -41,8 +41,7 @@ class Figure:
     table: Table
     lines: tuple[Line, ...]
     units: Mapping[str, str]  # of each parameter, where input and output have the same unit
-    columns: int = 1  # columns, legend_columns: of panels, and of the legend
-    legend_columns: int = 3
+    columns: int = 1  # of panels
     settled: float = 0.0  # part of the record from which on curves set the limits; larger values before are cut off
 
 
@@ -76,26 +75,18 @@ def draw(figure: Figure, curves: Transients) -> Any:
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     canvas.align_ylabels()
-    legend_above(canvas, figure.title, figure.legend_columns)
+    legend_above(canvas, figure.title, 3)
     return canvas
 
 
-def _style(color: str, ls: Any) -> dict[str, Any]:
-    return {"color": color, "ls": ls, "lw": 1.3}
-
-
-def _amplitudes() -> Sequence[Line]:
-    dashes = {"10": (0, (1, 1)), "1": "-", "0.1": (0, (6, 1.5, 1, 1.5))}
-    return [
-        Line(f"{name}, amplitude {size}", f"{name}, amplitude {size}", _style(color, ls))
-        for name, color in (("AMSGrad", BLUE), ("Gradient", ORANGE))
-        for size, ls in dashes.items()
-    ]
+def _line(row: str, color: str, ls: Any, label: str = "") -> Line:
+    return Line(row, label or row, {"color": color, "ls": ls, "lw": 1.3})
 
 
 _FIRST_ORDER = {"a0": "1/s", "b0": "1/s"}
 _SECOND_ORDER = {"a1": "1/s", "a0": "1/s²", "b1": "1/s", "b0": "1/s²"}
 _DOTTED = (0, (1, 1))  # dashes of a dotted line [line widths]
+_AMPLITUDES = {"10": _DOTTED, "1": "-", "0.1": (0, (6, 1.5, 1, 1.5))}
 
 #: Figures 1 to 4 by name.
 FIGURES = {
@@ -106,19 +97,29 @@ FIGURES = {
             "Figure 1: $G_1(s)$ identified with and without a buffer",
             TABLES["table1"],
             (
-                Line("AMSGrad, with buffer (batch 10)", "AMSGrad, with buffer (batch 10)", _style(BLUE, "-")),
-                Line("AMSGrad, no buffer", "AMSGrad, no buffer", _style(BLUE, _DOTTED)),
-                Line("Gradient, with buffer (batch 10)", "Gradient, with buffer (batch 10)", _style(ORANGE, "-")),
-                Line("Gradient, no buffer", "Gradient, no buffer", _style(ORANGE, _DOTTED)),
+                _line("AMSGrad, with buffer (batch 10)", BLUE, "-"),
+                _line("AMSGrad, no buffer", BLUE, _DOTTED),
+                _line("Gradient, with buffer (batch 10)", ORANGE, "-"),
+                _line("Gradient, no buffer", ORANGE, _DOTTED),
             ),
             _FIRST_ORDER,
         ),
-        Figure("fig2", "Figure 2: amplitude of the input", TABLES["table2"], tuple(_amplitudes()), _FIRST_ORDER),
+        Figure(
+            "fig2",
+            "Figure 2: amplitude of the input",
+            TABLES["table2"],
+            tuple(
+                _line(f"{name}, amplitude {size}", color, ls)
+                for name, color in (("AMSGrad", BLUE), ("Gradient", ORANGE))
+                for size, ls in _AMPLITUDES.items()
+            ),
+            _FIRST_ORDER,
+        ),
         Figure(
             "fig3",
             "Figure 3: scaling of the signals, AMSGrad on $G_2(s)$",
             TABLES["table3"],
-            (Line("one", "one", _style(ORANGE, "-")), Line("adjusted", "adjusted", _style(BLUE, "-"))),
+            (_line("one", ORANGE, "-"), _line("adjusted", BLUE, "-")),
             _SECOND_ORDER,
             columns=2,
         ),
@@ -126,7 +127,7 @@ FIGURES = {
             "fig4",
             "Figure 4: a drifting output, AMSGrad with and without a bias in the regressor (the start is cut off)",
             TABLES["table4"],
-            (Line("without", "without bias", _style(ORANGE, "-")), Line("with", "with bias", _style(BLUE, "-"))),
+            (_line("without", ORANGE, "-", "without bias"), _line("with", BLUE, "-", "with bias")),
             _FIRST_ORDER,
             settled=0.1,
         ),
@@ -156,16 +157,17 @@ def draw_record(record: Record, offline: Mapping[str, FitResult]) -> Any:
     """Return Figure 6: (a) the input, (b) measured output and simulated outputs, (c, d) two windows of (b)."""
     canvas = blank_figure(7.0, 8.4)
     axes = canvas.subplots(4, 1, height_ratios=(1, 1.5, 1.5, 1.5))
-    duration = record.u.size * record.rig.dt
-    _draw(axes[0], record.u, record, (0.0, 1.0), color="black", lw=0.8)
-    axes[0].set_ylabel("input [kV]")
-    for axis, window in zip(axes[1:], ((0.0, 1.0), *WINDOWS.values()), strict=True):
-        _draw(axis, record.y, record, window, label="measured", **_MEASURED)
-        for filters, words in _NAMES.items():
-            label = f"{words}: simulated fit {offline[filters].simulation.fit:.1f} %"
-            _draw(axis, offline[filters].simulation.output, record, window, label=label, **_MODEL[filters])
-        axis.set_ylabel("displacement [mm]")
-    for axis, letter, window in zip(axes, "abcd", ((0.0, 1.0), (0.0, 1.0), *WINDOWS.values()), strict=True):
+    duration, whole = record.u.size * record.rig.dt, (0.0, 1.0)
+    for axis, letter, window in zip(axes, "abcd", (whole, whole, *WINDOWS.values()), strict=True):
+        if letter == "a":
+            _draw(axis, record.u, record, window, color="black", lw=0.8)
+            axis.set_ylabel("input [kV]")
+        else:
+            _draw(axis, record.y, record, window, label="measured", **_MEASURED)
+            for filters, words in _NAMES.items():
+                label = f"{words}: simulated fit {offline[filters].simulation.fit:.1f} %"
+                _draw(axis, offline[filters].simulation.output, record, window, label=label, **_MODEL[filters])
+            axis.set_ylabel("displacement [mm]")
         axis.set_title(f"({letter})", loc="left")
         axis.set_xlim(window[0] * duration, window[1] * duration)
         tidy(axis)
@@ -187,16 +189,15 @@ def draw_transients(name: str, actuator: Actuator, filters: str = "gbt") -> Any:
     for column, method in zip(axes.T, COLUMNS[name], strict=True):
         column[0].set_title(method, loc="left", fontweight="bold")
         column[-1].set_xlabel("time [s]")
-        for i, (axis, coefficient) in enumerate(zip(column, true, strict=True)):
+    for panels, goal, (coefficient, value) in zip(axes, actuator.goals[filters].tolist(), true.items(), strict=False):
+        for axis, method in zip(panels, COLUMNS[name], strict=True):
             runs = [(variant, actuator.row(method, variant, filters)) for variant in GAINS]
-            goal = float(actuator.goals[filters][i])
             drawn = [(_LABELS[variant], (row.curves or {})[coefficient], _VARIANTS[variant]) for variant, row in runs]
-            draw_panel(axis, drawn, true[coefficient])
-            if abs(goal / true[coefficient] - 1.0) > TOLD_APART:
+            draw_panel(axis, drawn, value)
+            if abs(goal / value - 1.0) > TOLD_APART:
                 axis.axhline(goal, label="least squares, normalised", **_LIMIT)
-    for axis, coefficient in zip(axes[:, 0], true, strict=True):
-        axis.set_ylabel(f"{symbol(coefficient)} [{UNITS[coefficient]}]")
-        _limit(axes[list(true).index(coefficient)], true[coefficient])
+        panels[0].set_ylabel(f"{symbol(coefficient)} [{UNITS[coefficient]}]")
+        _limit(panels, value)
     axes[0, 0].set_xlim(0.0, actuator.record.u.size * actuator.record.rig.dt)
     canvas.align_ylabels()
     title = f"Figure {name[3:]}: transients on the actuator, {_NAMES[filters]} (some overshoots are cut off)"

@@ -58,7 +58,7 @@ def as_markdown(outcome: Outcome) -> str:
         parts += ["# The article's tables, reproduced", SOURCE]
     for result in results:
         headings, rows = _as_text(result)
-        lines = [(label, *line) for label, cells in rows.items() for line in cells]
+        lines = [(row.row.label, *line) for row, cells in rows for line in cells]
         parts += [f"## {result.table.title}", markdown_table(headings, lines, left=("index", "match"))]
         parts.append(_bullets(notes(result)))
     if results:
@@ -75,8 +75,8 @@ def _bullets(lines: Iterable[str]) -> str:
     return "\n".join(f"* {line}" for line in lines)
 
 
-def _as_text(result: TableResult) -> tuple[Texts, dict[str, list[Texts]]]:
-    """Return the headings of a table, and the lines of each row, one for each figure, without the row's label."""
+def _as_text(result: TableResult) -> tuple[Texts, list[tuple[RowResult, list[Texts]]]]:
+    """Return the headings of a table, and of each row the lines, one for each figure, without the row's label."""
     buffered = any(row.batch is not None for row in result.rows)
 
     def line(cell: Cell) -> Texts:
@@ -84,7 +84,7 @@ def _as_text(result: TableResult) -> tuple[Texts, dict[str, list[Texts]]]:
         return (cell.index, three_digits(cell.ours), *std, three_digits(cell.published), cell.verdict)
 
     headings = (result.table.heading, "index", "ours", *(("std",) if buffered else ()), "published", "match")
-    return headings, {row.row.label: [line(cell) for cell in row.cells] for row in result.rows}
+    return headings, [(row, [line(cell) for cell in row.cells]) for row in result.rows]
 
 
 def for_terminal(outcome: Outcome) -> Iterator[tuple[str, RichTable, Sequence[str], Sequence[str]]]:
@@ -101,13 +101,13 @@ def _rich(result: TableResult) -> RichTable:
     """Return a table with a section for each row, and a line in it for each figure."""
     from rich.text import Text
 
-    (heading, *headings), texts = _as_text(result)
+    headings, texts = _as_text(result)
     rows = []
-    for row in result.rows:
-        *figures, _ = ("\n".join(column) for column in zip(*texts[row.row.label], strict=True))
+    for row, lines in texts:
+        *figures, _ = ("\n".join(column) for column in zip(*lines, strict=True))
         match = Text("\n").join(Text(cell.verdict, "green" if cell.agrees else "yellow") for cell in row.cells)
         rows.append((row.row.label, *figures, match))
-    return _sections((heading, *headings), rows, left=("index", "match"), wrap=heading)
+    return _sections(headings, rows, left=("index", "match"), wrap=result.table.heading)
 
 
 def _rich_of_actuator(actuator: Actuator) -> RichTable:
@@ -147,16 +147,13 @@ def summary_table(actuator: Actuator) -> tuple[Texts, list[Texts]]:
 def measure_tables(actuator: Actuator) -> Iterator[tuple[str, Texts, list[Texts]]]:
     """Return title, headings and rows of a table for each measure, by coefficient."""
     names = tuple(actuator.record.true)
-    for title, prefix, write in (
+    online = [row for row in actuator.rows if row.totals]
+    for title, name, write in (
         ("Index J of each coefficient", "J", _scientific),
         ("Time [s] from which on it stays within 10 %", "settled", _short),
         ("Roughness [%] of each coefficient", "roughness", _short),
     ):
-        rows: list[Texts] = [
-            (row.label, *(write(_figures(row)[f"{prefix}_{name}"]) for name in names))
-            for row in actuator.rows
-            if row.measures is not None
-        ]
+        rows: list[Texts] = [(row.label, *map(write, row.measures[name].values())) for row in online]
         yield title, ("method", *names), rows
 
 
@@ -185,22 +182,16 @@ def _headings(actuator: Actuator) -> tuple[str, ...]:
 
 
 def _fields(row: Row) -> tuple[str, ...]:
-    errors = [_short(value) for value in row.errors.values()]
-    if row.measures is None:
+    totals, errors = row.totals, map(_short, row.errors.values())
+    if not totals:
         return ("", *errors, "", "", _short(row.free_run))
-    measures = row.measures
-    told = _short(measures.all_settled), _short(measures.roughest)
-    return (_scientific(measures.index_sum), *errors, *told, _short(row.free_run))
+    told = _short(totals["settled"]), _short(totals["roughness"])
+    return (_scientific(totals["J_sum"]), *errors, *told, _short(row.free_run))
 
 
 def _figures(row: Row) -> dict[str, float | None]:
-    figures: dict[str, float | None] = {f"error_{name}": value for name, value in row.errors.items()}
-    if (found := row.measures) is not None:
-        figures |= {f"J_{name}": value for name, value in found.index.items()}
-        figures |= {f"settled_{name}": value for name, value in found.settled.items()}
-        figures |= {f"roughness_{name}": value for name, value in found.roughness.items()}
-        figures |= {"J_sum": found.index_sum, "settled": found.all_settled, "roughness": found.roughest}
-    return figures | {"free_run": row.free_run}
+    figures = {f"{name}_{of}": value for name, each in row.measures.items() for of, value in each.items()}
+    return figures | row.totals | {"free_run": row.free_run}
 
 
 def _short(value: float | None) -> str:

@@ -179,10 +179,7 @@ class Table:
 
     def row(self, label: str) -> Row:
         """Return the row with this label."""
-        for row in self.rows:
-            if row.label == label:
-                return row
-        raise KeyError(label)
+        return {row.label: row for row in self.rows}[label]
 
 
 def _g1(optimizer: Optimizer, *, batch: int | None = None, amplitude: float = 1.0) -> Experiment:
