@@ -78,47 +78,36 @@ def deliver(
 ) -> None:
     """Reproduce tables and figures, print the tables, and write everything into a folder."""
     make_folder(out)
-    outcome, written, pictures = _run(names, out, report=report, on=on)
-    text = json.dumps(rendering.as_json(outcome), indent=2, allow_nan=False)
-    if out is not None and (outcome.tables or outcome.actuator):
-        written += _write_tables(out, text, outcome)
-    if out is not None and report:
-        with write_errors_reported(out):
-            written.append(write_reproduction(out / "report.html", outcome, pictures, command_line()))
+    drawn = [name for name in names if is_figure(name)]
+    if drawn:
+        from replant.plotting.style import blank_figure
+
+        blank_figure(1.0, 1.0)  # raises without matplotlib, before the computation
+    written, pictures = list[Path](), dict[str, str]()
+    with progress_bar() as progress:
+        task = progress.add_task("", total=steps(names) + len(drawn))
+        outcome = run(names, lambda name: progress.update(task, description=name, advance=1), on)
+        text = json.dumps(rendering.as_json(outcome), indent=2, allow_nan=False)
+        if out is not None:
+            with write_errors_reported(out):
+                for name, canvas, paths in save(outcome, drawn, out) if drawn else ():
+                    written += paths
+                    pictures |= {name: as_element(canvas, name)} if report else {}
+                    progress.update(task, description=name, advance=1)
+                if outcome.tables or outcome.actuator:
+                    written += _write_tables(out, text, outcome)
+                if report:
+                    written.append(write_reproduction(out / "report.html", outcome, pictures, command_line()))
     if json_only:
         click.echo(text)
     else:
         _show(outcome, written)
 
 
-def _run(
-    names: Sequence[str], out: Path | None, *, report: bool, on: str | None
-) -> tuple[Outcome, list[Path], dict[str, str]]:
-    """Run and draw ``names``; return the outcome, the paths of the figures and, for a report, the figures."""
-    drawn = [name for name in names if is_figure(name)]
-    if drawn:
-        from replant.plotting.style import blank_figure
-
-        blank_figure(1.0, 1.0)  # raises without matplotlib, before the computation
-    written: list[Path] = []
-    pictures: dict[str, str] = {}
-    with progress_bar() as progress:
-        task = progress.add_task("", total=steps(names) + len(drawn))
-        outcome = run(names, lambda name: progress.update(task, description=name, advance=1), on)
-        if out is not None and drawn:
-            with write_errors_reported(out):
-                for name, canvas, paths in save(outcome, drawn, out):
-                    written += paths
-                    pictures |= {name: as_element(canvas, name)} if report else {}
-                    progress.update(task, description=name, advance=1)
-    return outcome, written, pictures
-
-
 def _write_tables(out: Path, text: str, outcome: Outcome) -> list[Path]:
     contents = {out / "tables.md": rendering.as_markdown(outcome), out / "tables.json": text + "\n"}
-    with write_errors_reported(out):
-        for path, content in contents.items():
-            path.write_text(content, encoding="utf-8")
+    for path, content in contents.items():
+        path.write_text(content, encoding="utf-8")
     return list(contents)
 
 

@@ -117,15 +117,12 @@ def validate_command(
     if not logs:
         raise click.UsageError(f"name the logs to compare the model with: replant validate {model} LOG")
     results.make_folder(out)
-    found = []
-    for path in logs:
+    found, rows = [], loaded.rows if isinstance(loaded, MatrixModel) else (loaded,)
+    for name, path in results.by_name(logs):
         of_log = results.as_modelled(path, columns, loaded)
-        if isinstance(loaded, MatrixModel):
-            found += _of_rows(loaded, path, of_log)
-        else:
-            found += results.validated(loaded, [path], of_log)
-    if len({name for name, _ in found}) < len(found):
-        found = [(str(path), each) for path, (_, each) in zip(logs, found, strict=True)]
+        for row, output in zip(rows, _outputs_of(loaded, of_log["output_column"]), strict=True):
+            of_row = f"{name}, {row.output_name}" if isinstance(loaded, MatrixModel) else name
+            found.append((of_row, results.validated(row, path, of_log | {"output_column": output})))
     written = [] if out is None else _plots(found, out)
     if as_json:
         click.echo(json.dumps([as_text.validation_as_json(each, name) for name, each in found], allow_nan=False))
@@ -134,16 +131,13 @@ def validate_command(
     results.check_required(required, [each.verdict for _, each in found])
 
 
-def _of_rows(model: MatrixModel, path: Path, columns: dict[str, Any]) -> list[tuple[str, Validation]]:
-    """Return the validation of each row on a log, by the names of log and output."""
-    named = columns["output_column"]
+def _outputs_of(model: Model | RowModel | MatrixModel, named: Any) -> tuple[Any, ...]:
+    """Return the column of the output of each row, of the columns that were named."""
+    if not isinstance(model, MatrixModel):
+        return (named,)
     if not isinstance(named, tuple) or len(named) != len(model.rows):
         raise click.UsageError(f"the model has {len(model.rows)} outputs: name a column for each, or none")
-    if {*map(without_unit, named)} == {*map(without_unit, model.output_names)}:
-        named = model.output_names
-    pairs = zip(model.rows, named, strict=True)
-    each = [(row, results.validated(row, [path], columns | {"output_column": name})) for row, name in pairs]
-    return [(f"{name}, {row.output_name}", one) for row, found in each for name, one in found]
+    return model.output_names if {*map(without_unit, named)} == {*map(without_unit, model.output_names)} else named
 
 
 def _plots(found: list[tuple[str, Validation]], out: Path) -> list[Path]:

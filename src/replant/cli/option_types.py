@@ -220,7 +220,6 @@ def _named(
 
 
 NEEDED = {"input_column": "--input", "output_column": "--output", "poles": "--poles"}
-RANGE = "1:4"
 CLOCK = {"--time", "--dt"}  # exclude each other
 ONLY_FIT = {"--delay"}  # as a range
 
@@ -234,12 +233,11 @@ def check_complete(given: dict[str, Any]) -> None:
     if "log" not in given:  # a fleet: no log stands for all
         raise click.UsageError(f"{absent}; see what is in one of the logs, and how it is identified: replant look LOG")
     if missing == ["--poles"]:
-        searched = f"a range such as {RANGE} has it chosen" if _name() == "fit" else "`replant fit -p 1:4` chooses it"
         inputs = given["input_column"]
         if isinstance(inputs, tuple):
-            raise click.UsageError(
-                f"{absent}, a number for each input: {_completed(('-p', ','.join('1' * len(inputs))))}"
-            )
+            each = ",".join("1" * len(inputs))
+            raise click.UsageError(f"{absent}, a number for each input: {_completed(('-p', each))}")
+        searched = "a range such as 1:4 has it chosen" if _is_fit() else "`replant fit -p 1:4` chooses it"
         raise click.UsageError(f"{absent}, the number of poles of G(s): {searched}; try: {_completed(('-p', '2'))}")
     raise click.UsageError(f"{absent}; {_look(given)}")
 
@@ -271,10 +269,10 @@ def _completed(options: tuple[str, ...]) -> str:
         if context.get_parameter_source(parameter.name or "") is ParameterSource.COMMANDLINE
         for option in parameter.opts
     }
-    needless = {*typed, *(CLOCK if typed & CLOCK else ()), *(() if _name() == "fit" else ONLY_FIT)}
+    needless = {*typed, *(CLOCK if typed & CLOCK else ()), *(() if _is_fit() else ONLY_FIT)}
     pairs = [pair for pair in zip(options[::2], options[1::2], strict=True) if pair[0] not in needless]
     return shlex.join([*typed_words(with_output=True), *chain(*pairs)])
 
 
-def _name() -> str:
-    return click.get_current_context().info_name or ""
+def _is_fit() -> bool:
+    return click.get_current_context().info_name == "fit"

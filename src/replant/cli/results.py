@@ -81,7 +81,7 @@ class Delivery:
             part = {"begin": begin, "end": end if math.isfinite(end) else None}
             name = f"{path.name}, {begin:g} s to {f'{end:g} s' if math.isfinite(end) else 'the end'}"
             stretches.append((name, model.validate(read(columns | part))))
-        return stretches + validated(model, self.other_logs, columns)
+        return stretches + [(name, validated(model, log, columns)) for name, log in by_name(self.other_logs)]
 
     def save(self, model: Model | RowModel | MatrixModel) -> list[Path]:
         """Write a model into the file that was asked for; return it."""
@@ -91,15 +91,17 @@ class Delivery:
         return [self.saved]
 
 
-def validated(model: Model | RowModel, paths: Sequence[Path], columns: dict[str, Any]) -> list[tuple[str, Validation]]:
-    """Return a model's validation on logs, by their names, or by their paths where names repeat."""
+def by_name(paths: Sequence[Path]) -> list[tuple[str, Path]]:
+    """Return logs with their names, or with their paths where names repeat."""
     names = [path.name for path in paths]
-    found = []
-    for path, name in zip(paths, names, strict=True):
-        validation = model.validate(_as_named(model, whole_log(path, columns)))
-        if model.provenance.sha256 and digest(path) == model.provenance.sha256:
-            note(f"{path}: it is the log that the model was made from; another one tells more")
-        found.append((str(path) if names.count(name) > 1 else name, validation))
+    return [(str(path) if names.count(path.name) > 1 else path.name, path) for path in paths]
+
+
+def validated(model: Model | RowModel, path: Path, columns: dict[str, Any]) -> Validation:
+    """Return a model's validation on a log."""
+    found = model.validate(_as_named(model, whole_log(path, columns)))
+    if model.provenance.sha256 and digest(path) == model.provenance.sha256:
+        note(f"{path}: it is the log that the model was made from; another one tells more")
     return found
 
 

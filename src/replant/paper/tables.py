@@ -102,12 +102,10 @@ class Experiment:
         return indices | {"J_sum": sum(indices.values())}
 
 
-def run_seeds(
-    experiment: Experiment, seeds: Iterable[int], record: tuple[FloatArray, FloatArray]
-) -> list[dict[str, float]]:
+def run_seeds(experiment: Experiment, seeds: Iterable[int]) -> list[dict[str, float]]:
     """Run an experiment with several seeds at once; return the performance indices of each."""
     ensemble = Ensemble([experiment.identifier(seed) for seed in seeds])
-    return [experiment.indices(trace) for trace in ensemble.trace(*record)]
+    return [experiment.indices(trace) for trace in ensemble.trace(*experiment.plant.record())]
 
 
 POINTS = 2000  # points of a curve: more than a panel has pixels, few enough for a small SVG [count]
@@ -363,9 +361,8 @@ def reproduce(
     """Run every experiment of a table; call ``on_row`` after each row."""
     tasks = [(row, 1 if row.experiment.replay is None else seeds) for row in table.rows]
     found = sweep(_run_row, tasks, executor, lambda done, of: on_row())
-    return TableResult(
-        table, tuple(_row_result(table, row, results) for row, results in zip(table.rows, found, strict=True))
-    )
+    rows = [_row_result(table, row, results) for row, results in zip(table.rows, found, strict=True)]
+    return TableResult(table, tuple(rows))
 
 
 def three_digits(value: float) -> str:
@@ -376,7 +373,7 @@ def three_digits(value: float) -> str:
 def _run_row(task: tuple[Row, int]) -> list[dict[str, float]]:
     """Return the performance indices of each seed of a row; what an executor calls."""
     row, seeds = task
-    return run_seeds(row.experiment, range(seeds), row.experiment.plant.record())
+    return run_seeds(row.experiment, range(seeds))
 
 
 def _row_result(table: Table, row: Row, results: list[dict[str, float]]) -> RowResult:

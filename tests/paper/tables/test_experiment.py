@@ -13,7 +13,7 @@ from replant.paper.tables import TABLES, Plant, run_seeds
 
 def run(experiment, seed=0):
     """Return the indices of one run."""
-    (indices,) = run_seeds(experiment, [seed], experiment.plant.record())
+    (indices,) = run_seeds(experiment, [seed])
     return indices
 
 

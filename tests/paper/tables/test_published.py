@@ -76,7 +76,7 @@ def test_other_readings_of_the_settings_miss_the_figures():
         (bias, Scaling(0.25, (0.05, 0.15, 1.0))),  # the constant 1 of (24)
     ]:
         other = dataclasses.replace(row.experiment, scaling=scaling)
-        (indices,) = run_seeds(other, [0], other.plant.record())
+        (indices,) = run_seeds(other, [0])
         assert abs(indices["J_sum"] / row.published[-1] - 1) > 0.5
 
 
