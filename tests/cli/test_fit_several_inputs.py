@@ -166,6 +166,8 @@ def test_a_second_output_is_a_second_row(capsys: Any, log: Path, tmp_path: Path)
     assert out.count("From Q1 [%]") == 2
     code, out, _ = call(capsys, "validate", saved, other, "--json")
     assert [each["source"] for each in json.loads(out)] == ["second.csv, T2 [degC]", "second.csv, T1 [degC]"]
+    code, out, _ = call(capsys, "validate", saved, other, other, "--json")
+    assert [each["source"] for each in json.loads(out)] == [f"{other}, T2 [degC]", f"{other}, T1 [degC]"] * 2
     code, out, _ = call(capsys, "run", log, *NAMED, "-o", "T2", "-p", "1,1", "--delay", "0,0.3", "--json")
     whole = json.loads(out)
     assert whole["schema_version"] == 3

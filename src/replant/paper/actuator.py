@@ -1,6 +1,6 @@
 r"""The actuator experiment of section 4 on a simulated rig, and the measures of its estimates.
 
-index
+J
     :math:`J_p = \sum_k (\hat p(t_k) - p)^2`, (21), of the estimate before each sample's own update.
 error
     Error of the last estimate, in percent of the true value.
@@ -44,8 +44,6 @@ from replant.rigs import Rig, deap_rig, deap_voltage
 from replant.verdict import simulate
 
 BAND = 0.1  # distance within which an estimate counts as settled [part of the true value]
-
-
 Measures = Mapping[str, Mapping[str, Any]]  # by "error", "J", "settled" or "roughness", then by coefficient
 
 
