@@ -165,7 +165,7 @@ def deliver(
         if is_conditioned(click.get_current_context().params):
             report["python"] = CONDITIONED
         if tried is not None:
-            report["candidates"] = as_text.HEADINGS, as_text.rows_of(tried), tried.rest
+            report["candidates"] = tried
         advice = None if step is None else (step.words, step.command)
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
         with write_errors_reported(to.out):
