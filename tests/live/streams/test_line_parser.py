@@ -431,3 +431,4 @@ def test_lines_of_whole_and_other_numbers_are_a_table_and_of_anything_else_none(
     np.testing.assert_array_equal(table_from_json(mixed, ("u", "y")), [[1.0, 2.5], [4.0, 3.0]])
     assert table_from_json(odd, ("u", "y")) is None
     assert table_from_json(['{"u": 1', '"y": 2}'], ("u", "y")) is None
+    assert table_from_json(['{"u": 1, "y": 2},null,{"u": 3, "y": 4}'], ("u", "y")) is None

@@ -51,7 +51,11 @@ def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
 def table_from_json(lines: Sequence[str], columns: Sequence[str]) -> FloatArray | None:
     """Parse lines of JSON, a sample each, as a whole; return None if a line is anything but an object of numbers."""
     try:
-        rows = list(map(itemgetter(*columns), map(json.loads, lines)))
+        # at once it takes half of the time; the null between keeps two lines from forming one object
+        values = json.loads(f"[{',null,'.join(lines)}]")
+        if len(values) != 2 * len(lines) - 1 or any(between is not None for between in values[1::2]):
+            return None
+        rows = list(map(itemgetter(*columns), values[::2]))
         if set(map(type, chain.from_iterable(rows))) <= {float, int}:  # bool is neither
             return np.array(rows, dtype=np.float64)
     except (ValueError, LookupError, TypeError, OverflowError, RecursionError):
