@@ -71,3 +71,29 @@ def test_a_pole_too_few_is_no_actuator() -> None:
     found = ident.assess()
     assert found.status == "inconsistent"
     assert not any("the actuator seems" in reason for reason in found.reasons), found.reasons
+
+
+def under_control(act: Callable[[float], float], seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a PI controller asks for, the output of 1/(s + 1) behind its actuator, and the set-point, for 300 s."""
+    rng, dt = np.random.default_rng(seed), 0.05
+    r = np.repeat(rng.uniform(-1.0, 1.0, 75), 80)
+    asked, y, x, integral, keeps = np.empty(r.size), np.empty(r.size), 0.0, 0.0, np.exp(-dt)
+    for k in range(r.size):
+        y[k] = x + 0.02 * rng.standard_normal()
+        integral += dt * (r[k] - y[k])
+        asked[k] = 3.0 * (r[k] - y[k]) + 2.0 * integral
+        x = keeps * x + (1.0 - keeps) * act(float(asked[k]))
+    return asked, y, r
+
+
+@every("seed", range(3), quick=1)
+def test_an_actuator_at_its_limit_is_named_in_a_loop_with_a_reference(seed: int) -> None:
+    """Its pole was 40 % off, and trusted in one of three loops."""
+    u, y, r = under_control(lambda asked: min(max(asked, -1.0), 1.0), seed)
+    found = rp.fit(u, y, 0.05, poles=1, reference=r).verdict
+    assert found.status == "inconsistent", found.reasons
+    assert any(reason.startswith("the actuator seems to saturate") for reason in found.reasons), found.reasons
+    u, y, r = under_control(float, seed)
+    found = rp.fit(u, y, 0.05, poles=1, reference=r).verdict
+    assert found.status == "trusted", found.reasons
+    assert not any("actuator" in reason for reason in found.reasons), found.reasons

@@ -15,8 +15,9 @@ first: it is then the model that is wrong.  An input of two levels cannot tell: 
 straight lines.  A signal that was sampled, such as a measured voltage, runs on between its samples; one that a computer
 puts out is held.  Taken as held, a smooth input acts half a sample late, and the coefficients make up for that.
 
-With a reference the last two are made of what that explains of the input, beside the slopes made of the same: a part of
-the residual that it explains is no answer of a controller.  In feedback without one they are made of the past alone.
+With a reference all but the hold are made of what that explains of the input, beside the slopes made of the same: a
+part of the residual that it explains is no answer of a controller.  In feedback without one dead time and direct path
+are made of the past alone, and no actuator is asked for: what a load leaves of a biased model looks like its curves.
 
 Sources: Davidson and MacKinnon (1981), "Several tests for model specification in the presence of alternative
 hypotheses", Econometrica 49 (held or straight); Ljung (1999), "System Identification: Theory for the User", section 5.2
@@ -71,13 +72,15 @@ LOPSIDED = f"the actuator seems to have another gain in the other direction ({AD
 LOOSE = "the actuator seems to have play or friction (move it by more, or so that it comes from one side)"
 
 
-def actuator_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
+def actuator_findings(acting: Acting) -> list[Finding]:
     """Name the actuator's fault that explains a part of the residual most surely, if it is more than chance."""
-    run, rows = runs.now, evidence.known
-    power, whole = power_of(evidence, evidence.record.y[rows]), evidence.record.joined
-    v, before = _scaled(whole.u - evidence.input_zero), whole.u.size - evidence.samples  # all that acts comes through
-    error, nuisances = run.error[rows], run.nuisances[rows]
-    linear = np.hstack([run.zeta[rows], dynamics(evidence, run)])
+    if acting.loop.feedback.found and acting.loop.reference is None:  # a load that it answers may look alike
+        return []
+    evidence, rows = acting.evidence, acting.evidence.known
+    power = power_of(evidence, acting.made[rows])
+    given, error, nuisances = acting.whole_input, acting.runs.now.error[rows], acting.runs.now.nuisances[rows]
+    v, before = _scaled(given - evidence.input_zero), given.size - evidence.samples  # all that acts comes through
+    linear = np.hstack([acting.slopes[rows], acting.linear])
     residual = residual_of(evidence, error, np.hstack([nuisances, linear]))
     surest, part, fault = 1.0, 0.0, ""
     for curves, (inward, outward) in _curves(v):
@@ -230,6 +233,25 @@ class Acting:
         rows = self.evidence.known
         return np.hstack([self.slopes[rows], self.runs.now.nuisances[rows]])
 
+    @property
+    def made(self) -> FloatArray:
+        """The output (K,), or what a reference explains of it."""
+        return self.evidence.record.y if self.loop.reference is None else self.loop.reference.output
+
+    @property
+    def whole_input(self) -> FloatArray:
+        """What acts, with the samples before those of the evidence where these act, too."""
+        record = self.evidence.record
+        return record.joined.u if self.loop.reference is None else self.input + record.u.mean()
+
+    @cached_property
+    def linear(self) -> FloatArray:
+        """The columns (J, C) of other dynamics of the samples that the estimate should explain."""
+        reference, rows = self.loop.reference, self.evidence.known
+        if reference is not None:
+            return reference.states[rows]
+        return dynamics(self.evidence, self.runs.now, feedback=self.loop.feedback.found)
+
     @cached_property
     def residual(self) -> Residual:
         """What the model leaves beside these."""
@@ -243,10 +265,9 @@ class Acting:
 
     def told(self, columns: FloatArray) -> Told | None:
         """Return what columns (J, C) beside the model change; None where they explain nothing to speak of."""
-        evidence, reference = self.evidence, self.loop.reference
         found = self.residual.explained(columns)
-        made = (evidence.record.y if reference is None else reference.output)[evidence.known]
-        if not (found.is_sure and found.power > NEGLIGIBLE * power_of(evidence, made)):
+        made = power_of(self.evidence, self.made[self.evidence.known])
+        if not (found.is_sure and found.power > NEGLIGIBLE * made):
             return None
         return Told(float(found.weights[0]), self.size_of(columns, found.weights), found.statistic)
 
@@ -331,5 +352,6 @@ def _grows_outward(v: FloatArray, curve: FloatArray) -> bool:
 def _behind_the_plant(evidence: Evidence, curves: FloatArray) -> FloatArray:
     """Return the model's outputs (K, C) where the input is replaced by each of the curves (K, C), from the first on."""
     model, whole = evidence.structure.transfer_function(evidence.estimate), evidence.record.joined
+    whole = whole if len(curves) == whole.u.size else evidence.record
     outputs = responses(model, curves, whole, evidence.dt, whole.input_hold)
     return np.where(np.isfinite(outputs).all(axis=0), outputs, 0.0)

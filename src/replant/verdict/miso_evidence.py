@@ -55,7 +55,7 @@ def faults_of_inputs(seen: Sequence[Seen]) -> Iterator[Finding]:
         acting = Acting.of(evidence, runs, loop)
         found = [
             *hold_findings(evidence, runs),
-            *actuator_findings(evidence, runs),
+            *actuator_findings(acting),
             *rhythm_findings(acting, unexplained(evidence, runs)),
             *plant_findings(acting),
         ]

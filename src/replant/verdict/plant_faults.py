@@ -48,7 +48,7 @@ from replant.verdict.estimate_distance import LARGEST_ERROR, excited_frequencies
 from replant.verdict.estimate_tests import FARTHEST
 from replant.verdict.evidence import Evidence, rounding_of
 from replant.verdict.input_faults import Acting
-from replant.verdict.residual_tests import dynamics, residual_of
+from replant.verdict.residual_tests import residual_of
 from replant.verdict.verdict import Finding, percent
 
 POWERS = (1, 2)  # of the operating point: what depends on it, and what depends on how far away it is [exponents]
@@ -72,12 +72,23 @@ def plant_findings(acting: Acting) -> list[Finding]:
     path = Path.of(evidence, acting.input if reference is not None else None)
     if path is None:
         return []
-    linear = dynamics(evidence, runs.now, feedback=loop.feedback.found) if reference is None else reference.states[rows]
-    drift = np.linspace(-1.0, 1.0, len(linear))[:, None]  # of the output, or left of one that was taken off
-    known = np.hstack([acting.known, linear, drift])
-    told = (ask(acting, path, known) for ask in (_of_levels, _of_direction, _of_time))
-    largest = max(filter(None, told), key=lambda each: each.far)  # what one explains others explain in part
-    return largest.findings + _of_friction(acting, path, known)
+    drift = np.linspace(-1.0, 1.0, len(acting.linear))[:, None]  # of the output, or left of one that was taken off
+    known = np.hstack([acting.known, acting.linear, drift])
+    told = [each for ask in (_of_levels, _of_direction, _of_time) if (each := ask(acting, path, known)) is not None]
+    return _surest(acting, known, told) + _of_friction(acting, path, known)
+
+
+def _surest(acting: Acting, known: FloatArray, told: list[Told]) -> list[Finding]:
+    """Say what explains most beside the others: in part these explain it, too."""
+    told = [each for each in told if each.findings]
+    evidence = acting.evidence
+    error = acting.runs.now.error[evidence.known]
+
+    def beside(one: Told) -> float:
+        others = [each.columns for each in told if each is not one]
+        return residual_of(evidence, error, np.hstack([known, *others])).explained(one.columns).statistic
+
+    return [] if not told else max(told, key=beside).findings if told[1:] else told[0].findings
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +213,7 @@ def _depends(
 class Told(NamedTuple):
     """What is to be said of coefficients that depend on something."""
 
+    columns: FloatArray  # (J, C): that were looked at
     far: float  # by how much G surely differs, as a part of it
     reason: str
     advice: str
@@ -219,7 +231,7 @@ class Told(NamedTuple):
 
 def _of_levels(acting: Acting, path: Path, known: FloatArray) -> Told:
     """Return what is told of G at other levels of the record."""
-    rows, far = acting.evidence.known, 0.0
+    rows, far, before = acting.evidence.known, 0.0, known.shape[1]
     error = acting.runs.now.error[rows]
     for power in POWERS:
         factor = path.level**power
@@ -230,7 +242,7 @@ def _of_levels(acting: Acting, path: Path, known: FloatArray) -> Told:
         if found is None:
             break
         far, error, known = max(far, found.far), error - found.effect, np.hstack([known, found.columns])
-    return Told(far, LEVELS, "it is not linear: keep nearer to one level, or fit a model at each")
+    return Told(known[:, before:], far, LEVELS, "it is not linear: keep nearer to one level, or fit a model at each")
 
 
 def _of_direction(acting: Acting, path: Path, known: FloatArray) -> Told | None:
@@ -243,7 +255,7 @@ def _of_direction(acting: Acting, path: Path, known: FloatArray) -> Told | None:
     found = _depends(acting, path, acting.runs.now.error[rows], known, factor, ends)
     if found is None:
         return None
-    return Told(found.far, WAYS, "it is not linear: fit a model of the moves in each direction")
+    return Told(found.columns, found.far, WAYS, "it is not linear: fit a model of the moves in each direction")
 
 
 def _of_time(acting: Acting, path: Path, known: FloatArray) -> Told | None:
@@ -261,7 +273,7 @@ def _of_time(acting: Acting, path: Path, known: FloatArray) -> Told | None:
     found = _depends(acting, path, error, known, factors, at, slow=True)
     if found is None:
         return None
-    return Told(found.far, TIMES, "identify shorter parts by themselves, or forget old samples")
+    return Told(found.columns, found.far, TIMES, "identify shorter parts by themselves, or forget old samples")
 
 
 def _of_friction(acting: Acting, path: Path, known: FloatArray) -> list[Finding]:

@@ -231,7 +231,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
     acting = Acting.of(evidence, runs, loop)
     model = [
         *_fit(evidence, runs, loop, figures),
-        *([] if loop.is_closed else actuator_findings(evidence, runs)),
+        *actuator_findings(acting),
         *_unexplained(acting, figures),
         *plant_findings(acting),
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
