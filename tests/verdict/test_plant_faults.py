@@ -10,11 +10,13 @@ import pytest
 import replant as rp
 from replant.estimation.engine.record import Record
 from replant.signals import random_steps
+from replant.verdict import assess_record
 from replant.verdict.evidence import Evidence
-from replant.verdict.plant_faults import Path
+from replant.verdict.plant_faults import Model, Path
 from support.bending import damped, lagging, rubbing, turning
 from support.builders import binary
 from support.cases import every
+from support.loops import closed_loop
 
 DT, SAMPLES = 0.1, 2000
 LEVELS, FRICTION = "the plant acts otherwise at other levels", "dry friction"
@@ -137,6 +139,32 @@ def test_small_differences_are_a_remark() -> None:
     assert 1.0 < figure_of(verdict, WAYS) < 5.0, verdict.reasons
 
 
+@every("seed", [6, 11, 12, 18], quick=2)
+def test_a_controller_that_answers_noise_at_once_makes_no_other_way_down(seed: int) -> None:
+    """Of one pole the slope jumps with the input, which answers the noise of the same sample."""
+    noise = 0.03 * np.random.default_rng(seed).standard_normal(1000)
+    u, y = closed_loop([1.0], [1.0, 1.0], (3.0, 1.0), DT, np.ones(1000), np.zeros(1000), noise)
+    verdict = assess_record(rp.Structure(1), np.ones(2), Record(u, y - y.mean(), np.array([DT])), DT)
+    assert not said(verdict, WAYS), verdict.reasons
+
+
+@every("poles", [1, 2])
+def test_a_column_holds_no_input_of_its_own_sample(poles: int) -> None:
+    """In feedback that answers the noise: what a model of a direct path alone may hold."""
+    u = np.random.default_rng(1).standard_normal(50)
+    structure, theta = rp.Structure(poles), np.array([*[1.0] * poles, 1.0])
+
+    def columns(u: np.ndarray) -> np.ndarray:
+        record = Record(u, np.zeros(u.size), np.array([DT]))
+        model = Model(Evidence(structure, DT, record, theta, None, theta, 0, u.size))
+        states = model.states(record, DT)
+        directions = (np.sign(each[:, 1]) for each in (states, model.reached(states)))
+        return model.changes(states, record, DT, *directions)
+
+    other = np.append(u[:-1], -30.0 * np.sign(u[-1]))
+    np.testing.assert_array_equal(columns(u)[-1], columns(other)[-1])
+
+
 @every("spring", [0.0, 1.0])
 def test_dry_friction_is_named(spring: float) -> None:
     """A positioning plant with and without a spring; without friction it is trusted."""
@@ -158,7 +186,7 @@ def test_the_columns_are_the_changes_of_the_output_to_first_order() -> None:
     assert path is not None
     x = rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u, dt)
     # a change of the coefficient of x', by x itself
-    column = path.model.changes(path.states, path.record, dt, x)[:, 1]
+    column = path.model.changes(path.states, path.record, dt, x, x)[:, 1]
 
     def left(bend: float) -> float:
         bent = lagging(u, dt, lambda y: bend * y) - x

@@ -3,7 +3,7 @@ r"""Faults of the plant: coefficients that depend on the operating point, the di
 | fault | columns of its score test |
 |---|---|
 | a coefficient depends on the operating point | x^p x^(i) through B/A, i to n; x^p x^(j), j to m; p = 1 and 2 |
-| on the direction | sign(x') x^(i) through B/A, i < n; sign(x') x^(j) |
+| on the direction | sign(x') x^(i) through B/A, i to n; sign(x') x^(j) |
 | on the time | cos(pi k t / T) x^(i) through B/A, i < n; cos(pi k t / T) x^(j); k = 1 to 8 |
 | the plant has dry friction | the sign of x' through B/A |
 
@@ -152,16 +152,25 @@ class Model:
         plant = TransferFunction(self.b, np.asarray(stable, np.float64))
         return responses(plant, inputs, record, dt, "zoh")
 
-    def changes(self, states: FloatArray, record: Record, dt: float, factor: FloatArray) -> FloatArray:
-        """Return what changes of a_0 .. a_n, b_0 .. b_m by a factor (K,) make of the output (K, n + m + 2)."""
-        factor, after = factor[:, None], states[1:].copy()
-        if self.hold == "zoh":  # the derivative n jumps with the input: at the end of a sample it is that of its input
-            low = self.a[::-1]
-            after[:, -1] = states[:-1, -1] + combined(states[:-1, :-1] - after[:, :-1], low)
-        changed = factor * states
-        held = changed.copy()  # what moves within a sample is held at its mean: its error is of second order
-        held[:-1] = 0.5 * (changed[:-1] + factor[1:] * after)
-        return np.hstack([-self.output(held, record, dt), changed[:, : self.structure.zeros + 1]])
+    def reached(self, states: FloatArray) -> FloatArray:
+        """Return the states (K, n + 1) just before each sample: with a held input the derivative n jumps there."""
+        reached = states.copy()
+        if self.hold == "zoh":  # until then it is that of the input of the sample before
+            reached[1:, -1] = states[:-1, -1] + combined(states[:-1, :-1] - states[1:, :-1], self.a[::-1])
+        return reached
+
+    def changes(
+        self, states: FloatArray, record: Record, dt: float, factor: FloatArray, at_end: FloatArray
+    ) -> FloatArray:
+        """Return what changes of a_0 .. a_n, b_0 .. b_m by a factor make of the output (K, n + m + 2).
+
+        ``factor`` (K,) is that from each sample on, ``at_end`` (K,) that until then.
+        """
+        factor, at_end = factor[:, None], at_end[:, None]
+        held = factor * states
+        # what moves within a sample is held at its mean: its error is of second order
+        held[:-1] = 0.5 * (held[:-1] + at_end[1:] * self.reached(states)[1:])
+        return np.hstack([-self.output(held, record, dt), at_end * states[:, : self.structure.zeros + 1]])
 
     def changes_of_response(self, omega: FloatArray) -> npt.NDArray[np.complex128]:
         """Return what changes of a_0 .. a_n, b_0 .. b_m make of G at frequencies (F,), over G, (F, n + m + 2)."""
@@ -180,16 +189,18 @@ class Depends(NamedTuple):
 
 def _depends(
     acting: Acting, path: Path, error: FloatArray, known: FloatArray, factors: FloatArray, at: FloatArray,
-    slope: float = 1.0, *, slow: bool = False,
+    slope: float = 1.0, *, at_end: FloatArray | None = None, slow: bool = False,
 ) -> Depends | None:  # fmt: skip
     """Return what is told of coefficients that go with factors (K, S), of G where these are ``at`` (P, S).
 
-    None where the samples are too few; ``slope``: how many times as much of the gain as of its column.
+    None where the samples are too few; ``slope``: how many times as much of the gain as of its column; ``at_end``
+    (K, S): the factors just before each sample, where they jump there.
     """
     evidence, model, rows = acting.evidence, path.model, acting.evidence.known
     chosen = np.ones(model.a.size + model.b.size + 1, bool)
     chosen[model.a.size] = not slow  # of what changes slowly a_n tells no more than the others do together
-    parts = [model.changes(path.states, path.record, evidence.dt, each)[:, chosen] for each in factors.T]
+    both = zip(factors.T, factors.T if at_end is None else at_end.T, strict=True)
+    parts = [model.changes(path.states, path.record, evidence.dt, *each)[:, chosen] for each in both]
     columns = np.hstack(parts)[path.before :][rows]
     if known.shape[1] + columns.shape[1] > error.size / PER_COEFFICIENT:
         return None
@@ -252,7 +263,9 @@ def _of_direction(acting: Acting, path: Path, known: FloatArray) -> Told | None:
     visited = factor[path.before :][rows]
     known = np.hstack([known, path.braked(acting.evidence.dt)[rows]])
     ends = np.array([[visited.min()], [visited.max()]]) - visited.mean()
-    found = _depends(acting, path, acting.runs.now.error[rows], known, factor, ends)
+    # of one pole x' jumps with the input, which in feedback answers the noise of the same sample
+    at_end = np.sign(path.model.reached(path.states)[:, 1:2])
+    found = _depends(acting, path, acting.runs.now.error[rows], known, factor, ends, at_end=at_end)
     if found is None:
         return None
     return Told(found.columns, found.far, WAYS, "it is not linear: fit a model of the moves in each direction")
