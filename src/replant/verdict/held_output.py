@@ -14,6 +14,8 @@ Source: Ljung (1999), "System Identification: Theory for the User", section 14.2
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from replant.numerics.arguments import BoolArray, FloatArray
@@ -25,8 +27,26 @@ from replant.verdict.evidence import Evidence, Runs, rounding_of
 from replant.verdict.verdict import Finding, percent
 
 
-def held_output_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
-    """Say where the output is held from report to report, and what a model of the reports alone changes."""
+class Held(NamedTuple):
+    """What a model of the reports alone changes."""
+
+    size: float  # by how much a coefficient differs, as a part of it
+    fresh: float  # part of the rows that are new
+
+
+def held_output_findings(*views: tuple[Evidence, Runs]) -> list[Finding]:
+    """Say where the output is held from report to report, as a model or each input of a row sees it."""
+    found = [each for each in (_held(*view) for view in views) if each is not None]
+    if not found:
+        return []
+    size, fresh = max(found)
+    reason = f"the output is held from report to report, and new in {percent(fresh)} of its rows"
+    advice = f"made of these alone, a coefficient differs by {percent(size)}: make the cells that repeat the one before"
+    return [Finding("inconsistent" if size > FARTHEST else "trusted", f"{reason}: {advice} empty")]
+
+
+def _held(evidence: Evidence, runs: Runs) -> Held | None:
+    """Return what a model of the reports alone changes of an output that is held; None of another."""
     rows, run = evidence.known, runs.now
     y, used = evidence.raw[rows], evidence.used[rows]
     used = used & (y > y[used].min()) & (y < y[used].max())  # at the end of a scale a sensor repeats itself, too
@@ -34,20 +54,15 @@ def held_output_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     reports = used & ~repeated
     fresh, held = int(np.count_nonzero(reports)), int(np.count_nonzero(repeated[1:] & ~repeated[:-1]))
     if 2 * held < fresh or fresh < evidence.enough:  # most reports are not repeated, or there are too few for a model
-        return []
+        return None
     columns = np.hstack([run.zeta[rows], run.nuisances[rows]])
     step = amounts_of(columns[reports], run.error[rows][reports])
     left = run.error[rows] - columns @ step
     rounding = rounding_of(run.forced[rows], y[used])
     if not _is_larger(left, repeated, reports, held, fresh - step.size, rounding):
-        return []
+        return None
     size = runs.size(step[: evidence.coefficients], Speeds.of(evidence, closed=False).poles)
-    part = percent(fresh / np.count_nonzero(used))
-    reason = (
-        f"the output is held from report to report, and new in {part} of its rows: made of these alone, a coefficient"
-    )
-    status = "inconsistent" if size > FARTHEST else "trusted"
-    return [Finding(status, f"{reason} differs by {percent(size)}: make the cells that repeat the one before empty")]
+    return Held(size, fresh / np.count_nonzero(used))
 
 
 def _is_larger(

@@ -44,8 +44,8 @@ def seen_by_each(row: Row, point: Point, covariance: FloatArray) -> list[Seen]:
 
 
 def faults_of_output(seen: Sequence[Seen]) -> list[Finding]:
-    """Say what is wrong with the output: all inputs see the same."""
-    return held_output_findings(seen[0].evidence, seen[0].runs) if seen else []
+    """Say what is wrong with the output, by the transfer function that it changes most."""
+    return held_output_findings(*((each.evidence, each.runs) for each in seen))
 
 
 def faults_of_inputs(seen: Sequence[Seen]) -> Iterator[Finding]:

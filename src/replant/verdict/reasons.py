@@ -115,7 +115,7 @@ def _judged(evidence: Evidence) -> Assessment:
         found = sensor_and_excitation.excitation(runs.now, evidence.newest)
         figures |= {"condition": found.condition, "excitation": found.share}
         # each report of an output that is held looks like a sensor that was stuck since the one before
-        held = held_output_findings(evidence, runs)
+        held = held_output_findings((evidence, runs))
         findings += held or _of_sensor(evidence, runs)
         # what the comparison with the model names is not named again
         named = bool(held) or any(each.status != "trusted" for each in findings)
