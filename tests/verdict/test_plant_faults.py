@@ -12,7 +12,7 @@ from replant.estimation.engine.record import Record
 from replant.signals import random_steps
 from replant.verdict import assess_record
 from replant.verdict.evidence import Evidence
-from replant.verdict.plant_faults import Model, Path
+from replant.verdict.plant_faults import Path
 from support.bending import damped, lagging, rubbing, turning
 from support.builders import binary
 from support.cases import every
@@ -156,10 +156,9 @@ def test_a_column_holds_no_input_of_its_own_sample(poles: int) -> None:
 
     def columns(u: np.ndarray) -> np.ndarray:
         record = Record(u, np.zeros(u.size), np.array([DT]))
-        model = Model(Evidence(structure, DT, record, theta, None, theta, 0, u.size))
-        states = model.states(record, DT)
-        directions = (np.sign(each[:, 1]) for each in (states, model.reached(states)))
-        return model.changes(states, record, DT, *directions)
+        path = Path.of(Evidence(structure, DT, record, theta, None, theta, 0, u.size))
+        assert path is not None
+        return path.changes(*(np.sign(each[:, 1]) for each in (path.states, path.reached)))
 
     other = np.append(u[:-1], -30.0 * np.sign(u[-1]))
     np.testing.assert_array_equal(columns(u)[-1], columns(other)[-1])
@@ -186,7 +185,7 @@ def test_the_columns_are_the_changes_of_the_output_to_first_order() -> None:
     assert path is not None
     x = rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u, dt)
     # a change of the coefficient of x', by x itself
-    column = path.model.changes(path.states, path.record, dt, x, x)[:, 1]
+    column = path.changes(x, x)[:, 1]
 
     def left(bend: float) -> float:
         bent = lagging(u, dt, lambda y: bend * y) - x

@@ -31,6 +31,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +45,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import ALPHA, NEGLIGIBLE
 from replant.numerics.linear_algebra import chi2_quantile, combined, roots
+from replant.numerics.score_test import Residual
 from replant.verdict.estimate_distance import LARGEST_ERROR, excited_frequencies
 from replant.verdict.estimate_tests import FARTHEST
 from replant.verdict.evidence import Evidence, rounding_of
@@ -53,7 +55,7 @@ from replant.verdict.verdict import Finding, percent
 
 POWERS = (1, 2)  # of the operating point: what depends on it, and what depends on how far away it is [exponents]
 ENDS = (0.05, 0.95)  # between which nine samples in ten have their operating point [quantiles]
-# as many columns as G has coefficients each
+# each takes as many columns as G has coefficients
 WAVES = 8  # half periods within a record, up to which changes are told [count]
 POINTS = 5  # times in each half period of the fastest at which G is looked at [count]
 
@@ -63,7 +65,7 @@ TIMES = "the plant changes as the record goes on: G differs from the model by {}
 
 
 def plant_findings(acting: Acting) -> list[Finding]:
-    """Say where coefficients depend on the operating point, or friction acts, and what that changes."""
+    """Say where coefficients depend on the level, the direction or the time, or friction acts, and what that changes."""
     evidence, runs, loop = acting.evidence, acting.runs, acting.loop
     reference, rows = loop.reference, evidence.known
     used = evidence.used[rows]
@@ -74,8 +76,13 @@ def plant_findings(acting: Acting) -> list[Finding]:
         return []
     drift = np.linspace(-1.0, 1.0, len(acting.linear))[:, None]  # of the output, or left of one that was taken off
     known = np.hstack([acting.known, acting.linear, drift])
-    told = [each for ask in (_of_levels, _of_direction, _of_time) if (each := ask(acting, path, known)) is not None]
-    return _surest(acting, known, told) + _of_friction(acting, path, known)
+    residual = residual_of(evidence, runs.now.error[rows], known)
+    told = (
+        _of_levels(acting, path, residual, known),
+        _of_direction(acting, path, known),
+        _of_time(acting, path, residual),
+    )
+    return _surest(acting, known, list(filter(None, told))) + _of_friction(acting, path, residual)
 
 
 def _surest(acting: Acting, known: FloatArray, told: list[Told]) -> list[Finding]:
@@ -98,6 +105,7 @@ class Path:
     model: Model
     record: Record  # with all samples that act, from a level of zero on
     states: FloatArray  # (K, n + 1): x, x' .. of the record, x about its mean over the samples that are tested
+    reached: FloatArray  # (K, n + 1): the same just before each sample
     before: int  # samples of the record that come before those of the evidence
 
     @classmethod
@@ -111,15 +119,28 @@ class Path:
         # another load, or the begin of another log, changes the output's level and not x
         record = replace(whole, u=whole.u - whole.u[0] if rests else whole.u, measured=None, begins=())
         model, before = Model(evidence), whole.u.size - evidence.samples
-        states = model.states(record, evidence.dt)
+        states = model.states(record)
         if not np.isfinite(states).all():
             return None
         states[:, 0] -= states[before:][evidence.known, 0].mean()
-        return cls(model, record, states, before)
+        return cls(model, record, states, model.reached(states), before)
 
-    def braked(self, dt: float) -> FloatArray:
-        """Return what dry friction makes of the output (J, 1)."""
-        return -self.model.output(np.sign(self.states[:, 1:2]), self.record, dt)[self.before :]
+    def changes(self, factor: FloatArray, at_end: FloatArray, *, slow: bool = False) -> FloatArray:
+        """Return what changes of a_0 .. a_n, b_0 .. b_m by a factor make of the output (K, n + m + 2).
+
+        ``factor`` (K,) is that from each sample on, ``at_end`` (K,) that until then; without a_n where it is slow.
+        """
+        model, last, at_end = self.model, self.states.shape[1] - slow, at_end[:, None]
+        held = factor[:, None] * self.states[:, :last]
+        # what moves within a sample is held at its mean: its error is of second order
+        held[:-1] = 0.5 * (held[:-1] + at_end[1:] * self.reached[1:, :last])
+        own = at_end * self.states[:, : model.structure.zeros + 1]
+        return np.hstack([-model.output(held, self.record), own])
+
+    @cached_property
+    def braked(self) -> FloatArray:
+        """What dry friction makes of the output (J, 1)."""
+        return -self.model.output(np.sign(self.states[:, 1:2]), self.record)[self.before :]
 
     @property
     def level(self) -> FloatArray:
@@ -133,24 +154,24 @@ class Model:
 
     def __init__(self, evidence: Evidence) -> None:
         structure = evidence.structure
-        self.structure, self.hold = structure, evidence.record.input_hold
+        self.structure, self.dt, self.hold = structure, evidence.dt, evidence.record.input_hold
         self.a, self.b = evidence.estimate[structure.denominator], evidence.estimate[structure.numerator]
 
-    def states(self, record: Record, dt: float) -> FloatArray:
+    def states(self, record: Record) -> FloatArray:
         """Return x, x' .. and the derivative n of x = 1/A u (K, n + 1)."""
         n = self.structure.poles
         full = Structure(n, n, self.structure.delay, feedthrough=True)
-        model = AuxiliaryModel(full, dt, self.hold)
+        model = AuxiliaryModel(full, self.dt, self.hold)
         theta = np.zeros(model.entries)
         theta[full.denominator] = self.a
         return model.run(theta, record).phi[:, full.numerator][:, ::-1].copy()
 
-    def output(self, inputs: FloatArray, record: Record, dt: float) -> FloatArray:
+    def output(self, inputs: FloatArray, record: Record) -> FloatArray:
         """Return B/A of held inputs (K, C), without the dead time, which they have already."""
         poles = roots(np.append(1.0, self.a))  # those that are not stable are reflected, as in the states
         stable = np.poly(-np.abs(poles.real) + 1j * poles.imag).real
         plant = TransferFunction(self.b, np.asarray(stable, np.float64))
-        return responses(plant, inputs, record, dt, "zoh")
+        return responses(plant, inputs, record, self.dt, "zoh")
 
     def reached(self, states: FloatArray) -> FloatArray:
         """Return the states (K, n + 1) just before each sample: with a held input the derivative n jumps there."""
@@ -158,19 +179,6 @@ class Model:
         if self.hold == "zoh":  # until then it is that of the input of the sample before
             reached[1:, -1] = states[:-1, -1] + combined(states[:-1, :-1] - states[1:, :-1], self.a[::-1])
         return reached
-
-    def changes(
-        self, states: FloatArray, record: Record, dt: float, factor: FloatArray, at_end: FloatArray
-    ) -> FloatArray:
-        """Return what changes of a_0 .. a_n, b_0 .. b_m by a factor make of the output (K, n + m + 2).
-
-        ``factor`` (K,) is that from each sample on, ``at_end`` (K,) that until then.
-        """
-        factor, at_end = factor[:, None], at_end[:, None]
-        held = factor * states
-        # what moves within a sample is held at its mean: its error is of second order
-        held[:-1] = 0.5 * (held[:-1] + at_end[1:] * self.reached(states)[1:])
-        return np.hstack([-self.output(held, record, dt), at_end * states[:, : self.structure.zeros + 1]])
 
     def changes_of_response(self, omega: FloatArray) -> npt.NDArray[np.complex128]:
         """Return what changes of a_0 .. a_n, b_0 .. b_m make of G at frequencies (F,), over G, (F, n + m + 2)."""
@@ -188,10 +196,10 @@ class Depends(NamedTuple):
 
 
 def _depends(
-    acting: Acting, path: Path, error: FloatArray, known: FloatArray, factors: FloatArray, at: FloatArray,
+    acting: Acting, path: Path, residual: Residual, error: FloatArray, factors: FloatArray, at: FloatArray,
     slope: float = 1.0, *, at_end: FloatArray | None = None, slow: bool = False,
 ) -> Depends | None:  # fmt: skip
-    """Return what is told of coefficients that go with factors (K, S), of G where these are ``at`` (P, S).
+    """Return what a residual of an error tells of coefficients that go with factors (K, S), of G at some (P, S).
 
     None where the samples are too few; ``slope``: how many times as much of the gain as of its column; ``at_end``
     (K, S): the factors just before each sample, where they jump there.
@@ -200,11 +208,10 @@ def _depends(
     chosen = np.ones(model.a.size + model.b.size + 1, bool)
     chosen[model.a.size] = not slow  # of what changes slowly a_n tells no more than the others do together
     both = zip(factors.T, factors.T if at_end is None else at_end.T, strict=True)
-    parts = [model.changes(path.states, path.record, evidence.dt, *each)[:, chosen] for each in both]
+    parts = [path.changes(*each, slow=slow) for each in both]
     columns = np.hstack(parts)[path.before :][rows]
-    if known.shape[1] + columns.shape[1] > error.size / PER_COEFFICIENT:
+    if residual.known.shape[1] + columns.shape[1] > error.size / PER_COEFFICIENT:
         return None
-    residual = residual_of(evidence, error, known)
     found = residual.explained(columns)
     if not found.is_sure:
         return Depends(columns, 0.0, np.zeros(error.size))
@@ -240,16 +247,18 @@ class Told(NamedTuple):
         return [Finding("inconsistent", f"{reason}; {self.advice}") if is_fault else Finding("trusted", reason)]
 
 
-def _of_levels(acting: Acting, path: Path, known: FloatArray) -> Told:
+def _of_levels(acting: Acting, path: Path, residual: Residual, known: FloatArray) -> Told:
     """Return what is told of G at other levels of the record."""
     rows, far, before = acting.evidence.known, 0.0, known.shape[1]
     error = acting.runs.now.error[rows]
     for power in POWERS:
+        if power > POWERS[0]:
+            residual = residual_of(acting.evidence, error, known)
         factor = path.level**power
         visited = factor[path.before :][rows]
         ends = np.quantile(visited, ENDS) - visited.mean()  # the model has the mean
         # the slope of x^(p + 1), over x^p
-        found = _depends(acting, path, error, known, factor[:, None], ends[:, None], power + 1.0)
+        found = _depends(acting, path, residual, error, factor[:, None], ends[:, None], power + 1.0)
         if found is None:
             break
         far, error, known = max(far, found.far), error - found.effect, np.hstack([known, found.columns])
@@ -261,21 +270,22 @@ def _of_direction(acting: Acting, path: Path, known: FloatArray) -> Told | None:
     rows = acting.evidence.known
     factor = np.sign(path.states[:, 1:2])
     visited = factor[path.before :][rows]
-    known = np.hstack([known, path.braked(acting.evidence.dt)[rows]])
+    error = acting.runs.now.error[rows]
+    residual = residual_of(acting.evidence, error, np.hstack([known, path.braked[rows]]))
     ends = np.array([[visited.min()], [visited.max()]]) - visited.mean()
     # of one pole x' jumps with the input, which in feedback answers the noise of the same sample
-    at_end = np.sign(path.model.reached(path.states)[:, 1:2])
-    found = _depends(acting, path, acting.runs.now.error[rows], known, factor, ends, at_end=at_end)
+    at_end = np.sign(path.reached[:, 1:2])
+    found = _depends(acting, path, residual, error, factor, ends, at_end=at_end)
     if found is None:
         return None
     return Told(found.columns, found.far, WAYS, "it is not linear: fit a model of the moves in each direction")
 
 
-def _of_time(acting: Acting, path: Path, known: FloatArray) -> Told | None:
+def _of_time(acting: Acting, path: Path, residual: Residual) -> Told | None:
     """Return what is told of G at other times; None where that is said already, or the samples are too few."""
     evidence, rows = acting.evidence, acting.evidence.known
     error = acting.runs.now.error[rows]
-    waves = min(WAVES, int(error.size / PER_COEFFICIENT - known.shape[1]) // evidence.coefficients)
+    waves = min(WAVES, int(error.size / PER_COEFFICIENT - residual.known.shape[1]) // evidence.coefficients)
     if waves < 1 or evidence.plant_change is not None:
         return None
     intervals = np.broadcast_to(path.record.intervals, path.states[:, 0].shape)
@@ -283,17 +293,16 @@ def _of_time(acting: Acting, path: Path, known: FloatArray) -> Told | None:
     factors = np.cos(np.pi * part[:, None] * np.arange(1, waves + 1))
     visited = factors[path.before :][rows]
     at = visited[np.linspace(0, len(visited) - 1, POINTS * waves).astype(int)] - visited.mean(axis=0)
-    found = _depends(acting, path, error, known, factors, at, slow=True)
+    found = _depends(acting, path, residual, error, factors, at, slow=True)
     if found is None:
         return None
     return Told(found.columns, found.far, TIMES, "identify shorter parts by themselves, or forget old samples")
 
 
-def _of_friction(acting: Acting, path: Path, known: FloatArray) -> list[Finding]:
+def _of_friction(acting: Acting, path: Path, residual: Residual) -> list[Finding]:
     """Say where dry friction explains a part of the residual, and what that changes."""
-    evidence, rows = acting.evidence, acting.evidence.known
-    braked = path.braked(evidence.dt)[rows]
-    found = residual_of(evidence, acting.runs.now.error[rows], known).explained(braked)
+    braked = path.braked[acting.evidence.known]
+    found = residual.explained(braked)
     if not (found.is_sure and found.weights[0] > 0.0):
         return []
     size = acting.size_of(braked, found.weights)
