@@ -176,6 +176,12 @@ def test_an_actuator_that_bends_its_input_is_named_beside_another_input(said: st
         assert not any(reason.startswith(f"input u{2 - which}") for reason in verdict.reasons), (how, verdict.reasons)
 
 
+def test_of_one_input_no_others_are_named() -> None:
+    u = moved(1, inputs=1)
+    y = noisy(simulated(BENT["seems to saturate"](u), SLOW), 1)
+    assert rp.fit(u, y, DT, poles=(1,)).verdict.reasons[0].startswith("input u1: the actuator seems to saturate")
+
+
 def test_a_plant_that_is_another_one_at_other_levels_is_named_by_its_input() -> None:
     u = moved(5)
     y = noisy(QUICK.simulate(u[:, 0].copy(), DT) + lagging(u[:, 1].copy(), DT, lambda level: 0.5 * level), 5)

@@ -29,7 +29,7 @@ from replant.verdict.verdict import Finding
 class Seen(NamedTuple):
     """What a row is to one of its inputs."""
 
-    name: str
+    name: str  # in words
     evidence: Evidence
     runs: Runs
 
@@ -60,7 +60,7 @@ def faults_of_inputs(seen: Sequence[Seen]) -> Iterator[Finding]:
             *plant_findings(acting),
         ]
         for each in found:
-            yield Finding(each.status, f"input {name}, beside the others: {each.reason}")
+            yield Finding(each.status, f"{name}: {each.reason}")
 
 
 def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which: int) -> Seen | None:
@@ -97,4 +97,5 @@ def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which:
         return None
     error = point.residual[which][rows] / evidence.output_unit
     run = replace(run, error=error, nuisances=np.hstack([free, np.delete(slopes, places, axis=1)])[rows])
-    return Seen(row.names[number], evidence, Runs(run, run, error - error.mean(), float(np.var(evidence.record.y))))
+    name = f"input {row.names[number]}{', beside the others' if len(row.names) > 1 else ''}"
+    return Seen(name, evidence, Runs(run, run, error - error.mean(), float(np.var(evidence.record.y))))

@@ -65,7 +65,7 @@ TIMES = "the plant changes as the record goes on: G differs from the model by {}
 
 
 def plant_findings(acting: Acting) -> list[Finding]:
-    """Say where coefficients depend on the level, the direction or the time, or friction acts, and what that changes."""
+    """Say where coefficients depend on level, direction or time, or friction acts, and what that changes."""
     evidence, runs, loop = acting.evidence, acting.runs, acting.loop
     reference, rows = loop.reference, evidence.known
     used = evidence.used[rows]
