@@ -240,3 +240,15 @@ def test_a_line_that_is_left_of_the_output_is_no_other_plant(seed: int) -> None:
     verdict = rp.fit(rp.detrend(log), poles=1).verdict
     assert not said(verdict, LEVELS)
     assert not said(verdict, FRICTION)
+
+
+def test_a_slight_bend_under_few_moves_is_no_change_in_time() -> None:
+    """Nearly free of noise, many columns find a frequency where G seems to differ; in its mean it does not."""
+    rng = np.random.default_rng(0)
+    u = rng.choice([-1.0, 1.0], 20).repeat(100)
+    y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u, DT)
+    y = 6.0 * np.tanh(y / 6.0) + 0.002 * rng.standard_normal(u.size)
+    for judged in (offline, finished):
+        verdict = judged(u, y, 1)
+        assert verdict.status == "trusted", verdict.reasons
+        assert not said(verdict, TIMES), verdict.reasons

@@ -46,11 +46,11 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import ALPHA, NEGLIGIBLE
 from replant.numerics.linear_algebra import chi2_quantile, combined, roots
 from replant.numerics.score_test import Residual
-from replant.verdict.estimate_distance import LARGEST_ERROR, excited_frequencies
+from replant.verdict.estimate_distance import LARGEST_ERROR, excited_frequencies, output_spectrum
 from replant.verdict.estimate_tests import FARTHEST
 from replant.verdict.evidence import Evidence, rounding_of
 from replant.verdict.input_faults import Acting
-from replant.verdict.residual_tests import residual_of
+from replant.verdict.residual_tests import power_of, residual_of
 from replant.verdict.verdict import Finding, percent
 
 POWERS = (1, 2)  # of the operating point: what depends on it, and what depends on how far away it is [exponents]
@@ -213,18 +213,23 @@ def _depends(
     if residual.known.shape[1] + columns.shape[1] > error.size / PER_COEFFICIENT:
         return None
     found = residual.explained(columns)
-    if not found.is_sure:
+    # over time that part of the output's power is the mean square by which G changes
+    least = NEGLIGIBLE * power_of(evidence, acting.made[rows]) if slow else 0.0
+    if not (found.is_sure and found.power > least):
         return Depends(columns, 0.0, np.zeros(error.size))
     effect = residual.left_of(columns, found.weights)
     found = residual.beside(error, effect).explained(columns)
-    changes = model.changes_of_response(excited_frequencies(evidence))
+    omega, shares = output_spectrum(evidence) if slow else (excited_frequencies(evidence), None)
+    changes = model.changes_of_response(omega)
     changes[:, [0, model.a.size + 1]] *= slope
     # whichever the weights are of those that are no chance
     chance, far = math.sqrt(chi2_quantile(1.0 - ALPHA, found.roots.shape[1])), 0.0
     for each in at:
         made = np.kron(each, changes[:, chosen])
-        surely = np.abs(made @ found.weights) - chance * np.linalg.norm(made @ found.roots, axis=1)
-        far = max(far, float(surely.max()))
+        size, doubt = np.abs(made @ found.weights), chance * np.linalg.norm(made @ found.roots, axis=1)
+        if shares is not None:  # many columns find some frequency where G seems to differ, whatever is left
+            size, doubt = np.sqrt(shares @ size**2), np.sqrt(shares @ doubt**2)
+        far = max(far, float(np.max(size - doubt)))
     return Depends(columns, far, effect)
 
 
@@ -242,7 +247,7 @@ class Told(NamedTuple):
         if not self.far > math.sqrt(NEGLIGIBLE):
             return []
         # what is of first order tells no more of a larger change
-        reason = f"{self.reason.format(percent(min(self.far, 1.0)))}, at a frequency that the input excites"
+        reason = f"{self.reason.format(percent(min(self.far, 1.0)))}, where the input excites it"
         is_fault = self.far > LARGEST_ERROR
         return [Finding("inconsistent", f"{reason}; {self.advice}") if is_fault else Finding("trusted", reason)]
 
