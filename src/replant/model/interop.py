@@ -7,6 +7,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
+from importlib import import_module
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -35,8 +36,7 @@ def trace_frame(
 ) -> Any:
     """Return the estimate and the error of each sample as a `pandas.DataFrame`."""
     along, clock = _along(errors.size, dt, time)
-    index = _index(along, clock)
-    frame = _pandas().DataFrame(parameters, columns=list(names), index=index, copy=True)
+    frame = _library("pandas").DataFrame(parameters, columns=list(names), index=_index(along, clock), copy=True)
     frame["error"] = errors
     frame.attrs = {**_sampling(dt), "units": {**parameter_units(names), "error": "y"}}
     return frame
@@ -47,7 +47,7 @@ def trace_dataset(
 ) -> Any:
     """Return the estimate and the error of each sample as an `xarray.Dataset`."""
     along, clock = _along(errors.size, dt, time)
-    return _xarray().Dataset(
+    return _library("xarray").Dataset(
         {
             "parameters": ((along, "parameter"), parameters.copy(), {"long_name": "estimate after the sample"}),
             "errors": ((along,), errors.copy(), {"long_name": "a-priori output error", "units": "y"}),
@@ -74,7 +74,7 @@ def log_frame(signals: Signals, others: Others, time: FloatArray | None, about: 
         both = " and ".join(role for role, (name, _) in columns if name == twice)
         raise InvalidArgumentError(f"{both} are both named {twice!r}: give them names of their own")
     clock = _clock(columns[0][1][1].size, about["dt"]) if time is None else time
-    frame = _pandas().DataFrame(dict(each for _, each in columns), index=_index("time", clock))
+    frame = _library("pandas").DataFrame(dict(each for _, each in columns), index=_index("time", clock))
     roles = {role: name for role, (name, _) in signals.items()}
     frame.attrs = {**about, **roles, "units": {name: unit_of(name) for name in names if unit_of(name)}}
     return frame
@@ -90,20 +90,21 @@ def log_dataset(signals: Signals, others: Others, time: FloatArray | None, about
         key: (("time",), samples.copy(), {"long_name": without_unit(name), "units": unit_of(name)})
         for key, (name, samples) in {**signals, **{name: (name, each) for name, each in others.items()}}.items()
     }
-    return _xarray().Dataset(described, coords={"time": _axis("time", clock.copy())}, attrs=dict(about))
+    return _library("xarray").Dataset(described, coords={"time": _axis("time", clock.copy())}, attrs=dict(about))
 
 
 def parameter_units(names: Sequence[str]) -> dict[str, str]:
-    """Return the unit of each parameter, in terms of the units y of the output and u of the input."""
-    poles = sum(name.startswith("a") for name in names)
+    """Return the unit of each parameter, in terms of the units y of the output and u, or the name, of its input."""
     units = {}
     for name in names:
-        if name == "bias":
+        parameter, _, given = name.partition(".")  # as in b0.u1, of several inputs
+        if parameter == "bias":
             units[name] = "y"
             continue
-        order = poles - int(name[1:])
+        poles = sum(each.startswith("a") and each.partition(".")[2] == given for each in names)
+        order = poles - int(parameter[1:])
         seconds = "" if order == 0 else "/s" if order == 1 else f"/s^{order}"
-        units[name] = f"1{seconds}" if name[0] == "a" else f"y/u{seconds}"
+        units[name] = f"1{seconds}" if parameter[0] == "a" else f"y/{given or 'u'}{seconds}"
     return units
 
 
@@ -120,28 +121,24 @@ def _clock(samples: int, dt: float | None) -> Any:
 
 
 def _index(name: str, values: Any) -> Any:
-    return _pandas().Index(values, name=f"{name} [s]" if name == "time" else name)
+    return _library("pandas").Index(values, name=f"{name} [s]" if name == "time" else name)
 
 
 def _axis(name: str, values: Any) -> tuple[str, Any, dict[str, str]]:
-    is_time = name == "time"
-    return name, values, {"long_name": "time", "units": "s"} if is_time else {"long_name": "number of the sample"}
+    return (
+        name,
+        values,
+        {"long_name": "time", "units": "s"} if name == "time" else {"long_name": "number of the sample"},
+    )
 
 
 def _sampling(dt: float | None) -> dict[str, float]:
     return {} if dt is None else {"dt": float(dt)}
 
 
-def _pandas() -> Any:
-    with needs("to_pandas needs pandas", "frames"):
-        import pandas
-    return pandas
-
-
-def _xarray() -> Any:
-    with needs("to_xarray needs xarray", "frames"):
-        import xarray
-    return xarray
+def _library(name: str) -> Any:
+    with needs(f"to_{name} needs {name}", "frames"):
+        return import_module(name)
 
 
 P = ParamSpec("P")

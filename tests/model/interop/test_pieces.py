@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+import replant as rp
 from replant.errors import ArgumentTypeError
 from replant.model.interop import (
     _answer,
@@ -39,6 +40,16 @@ def test_units_of_labels(label: str, unit: str, name: str) -> None:
 
 def test_units_of_parameters() -> None:
     assert parameter_units(["a1", "a0", "b0", "bias"]) == {"a1": "1/s", "a0": "1/s^2", "b0": "y/u/s^2", "bias": "y"}
+    assert parameter_units(["a0.u1", "b0.u1", "a1.u2", "a0.u2", "b0.u2"]) == {
+        "a0.u1": "1/s", "b0.u1": "y/u1/s", "a1.u2": "1/s", "a0.u2": "1/s^2", "b0.u2": "y/u2/s^2",
+    }  # fmt: skip
+
+
+def test_a_trace_of_several_inputs_as_a_frame_and_a_dataset() -> None:
+    u = np.random.default_rng(0).standard_normal((300, 2))
+    trace = rp.Identifier(poles=(1, 1), dt=0.1).update_many(u, u.sum(axis=1))
+    assert list(trace.to_pandas().columns) == ["a0.u1", "b0.u1", "a0.u2", "b0.u2", "error"]
+    assert trace.to_xarray()["unit"].values.tolist() == ["1/s", "y/u1/s", "1/s", "y/u2/s"]
 
 
 def test_a_trace_as_a_frame() -> None:
