@@ -142,9 +142,9 @@ def filter_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
         for part, state_filter, instruments in (
             ("filters", fixed, False),
             ("filters, instruments", fixed, True),
-            ("refined filters, instruments", None, True),
+            ("refined filters, instruments", rp.RefinedFilter(), True),
         ):
-            state = State.build(structure, DT, state_filter=state_filter, instruments=instruments)
+            state = State.build(structure, DT, state_filter, instruments=instruments)
             theta = np.zeros(state.entries)
             theta[:n], theta[2 * n - 1] = plant[1:], plant[-1]
             if instruments:
@@ -169,7 +169,7 @@ def filter_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
 def noise_model_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
     """The noise model of the largest order."""
     for T in (4, 6, 8, 10, 14):
-        state = State.empty(Dimensions(order=1, entries=T, ring=1, memory=0, settings=0))
+        state = State.empty(Dimensions(order=1, entries=T, ring_size=1, memory_size=0, settings_size=0))
         noise, state.theta[:] = state.noise, np.linspace(1.0, 2.0, T)
         noise.order, noise.filters, noise.gain = at.LAGS, 1.0, 0.5
         noise.models[:] = np.tril(np.random.default_rng(5).uniform(-0.5, 0.5, noise.models.shape))
@@ -191,7 +191,7 @@ def noise_model_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, R
 
 def reference_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
     """The projection of input and output on a reference."""
-    state = State.empty(Dimensions(order=1, entries=1, ring=1, memory=0, settings=0, reference=True))
+    state = State.empty(Dimensions(order=1, entries=1, ring_size=1, has_reference=True))
     projection = state.reference
     projection.pole, projection.states[-1] = 0.9, 1.0
     projection.factors[:], projection.diagonal[:] = np.eye(reference.SIZE), 1e3

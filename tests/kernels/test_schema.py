@@ -14,12 +14,14 @@ from support.cases import every
 TABLES = (at.StateSlots, at.ColourSlots, at.PathSlots)
 SLOTS = [(table, slot) for table in TABLES for slot in (*table.integers, *table.scalars, *table.blocks)]
 every_slot = every(("table", "slot"), SLOTS, ids=[f"{t.__name__}.{s.name}" for t, s in SLOTS])
-INSTRUMENTED = Dimensions(order=2, entries=6, ring=8, memory=48, settings=2, companions=True, guarded=True)
+INSTRUMENTED = Dimensions(
+    order=2, entries=6, ring_size=8, memory_size=48, settings_size=2, instruments=True, examines_output=True
+)
 
 
 @pytest.fixture
 def state() -> State:
-    return State.empty(Dimensions(2, 6, 8, 60, 2, recent=7, companions=True, guarded=True))
+    return State.empty(Dimensions(2, 6, 8, 60, 2, recent_size=7, instruments=True, examines_output=True))
 
 
 @every_slot
@@ -50,7 +52,9 @@ def test_integers_and_beginnings_of_blocks_fill_ints_before_the_drawn_rows() -> 
 @every("ring", [8, 40])
 @every("memory", [0, 7, 300])
 def test_scalars_and_blocks_fill_reals_without_overlap(order: int, ring: int, memory: int) -> None:
-    sizes = Dimensions(order=order, entries=2 * order + 2, ring=ring, memory=memory, settings=3, batch=5)
+    sizes = Dimensions(
+        order=order, entries=2 * order + 2, ring_size=ring, memory_size=memory, settings_size=3, batch_size=5
+    )
     uses = np.zeros(sizes.shapes["reals"], int)
     for slot in at.StateSlots.scalars:
         uses[slot.index] += 1

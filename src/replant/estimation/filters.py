@@ -13,9 +13,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from replant.errors import InvalidArgumentError, shown
+from replant.errors import InvalidArgumentError
 from replant.model import state_space
-from replant.model.state_space import split_delay
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, between, keep, numbers, one_of, positive, whole
 from replant.numerics.limits import dead_time, duration
@@ -147,7 +146,7 @@ class StateVariableFilter(Filter):
         InvalidArgumentError
             For a denominator of another order, or a cutoff whose power leaves float64.
         """
-        poles = _order(poles)
+        poles = whole("poles", poles, 1, Structure.MOST_POLES)
         if self.denominator is not None:
             if len(self.denominator) != poles + 1:
                 raise InvalidArgumentError(
@@ -177,9 +176,9 @@ class StateVariableFilter(Filter):
         InvalidArgumentError
             For a bilinear filter that is unstable at this sampling time.
         """
-        poles, dt, delay = _order(poles), duration("dt", dt), dead_time("delay", delay)
-        model = state_space.companion(self.polynomial(poles))
-        lag, fraction = split_delay(delay, dt)
+        polynomial, dt, delay = self.polynomial(poles), duration("dt", dt), dead_time("delay", delay)
+        model = state_space.companion(polynomial)
+        lag, fraction = state_space.split_delay(delay, dt)
         if self.method == "exact":
             transition, before, after = state_space.exact(model.matrix, model.column, dt, "foh")
             output_taps = np.stack([before, after])
@@ -187,8 +186,8 @@ class StateVariableFilter(Filter):
         else:
             transition, column = state_space.bilinear(model.matrix, model.column, dt, self.alpha)
             self._check_poles(dt)
-            output_taps = np.stack([column, np.zeros(poles)])
-            input_taps = np.stack([fraction * column, (1 - fraction) * column, np.zeros(poles)])
+            output_taps = np.stack([column, np.zeros_like(column)])
+            input_taps = np.stack([fraction * column, (1 - fraction) * column, np.zeros_like(column)])
         return DiscreteFilter(transition, output_taps, input_taps, model.characteristic, model.scale, lag)
 
     def _check_poles(self, dt: float) -> None:
@@ -242,14 +241,6 @@ class RefinedFilter(Filter):
 
 #: Every filter.
 FILTERS: tuple[type[Filter], ...] = (StateVariableFilter, RefinedFilter)
-
-
-def _order(poles: int) -> int:
-    """Return a number of poles."""
-    poles = whole("poles", poles, 1)
-    if poles > Structure.MOST_POLES:
-        raise InvalidArgumentError(f"poles must be at most {Structure.MOST_POLES}, got {shown(poles)}")
-    return poles
 
 
 def _denominator(name: str, value: Sequence[float]) -> tuple[float, ...]:

@@ -211,10 +211,8 @@ class Request:
         if remembers and isinstance(self.replay, Replay):
             name = type(self.optimizer).__name__
             raise InvalidArgumentError(f"{name} uses every sample already: replay must be None, not a buffer")
-        if isinstance(self.filter, Filter) and self.filter.fixed:
-            self.filter.fixed.discretize(
-                self.structure.poles, self.dt, self.structure.delay
-            )  # raises if it cannot be discretised
+        if isinstance(self.filter, Filter) and self.filter.fixed:  # raises where it cannot be discretised
+            self.filter.fixed.discretize(self.structure.poles, self.dt, self.structure.delay)
 
     @property
     def wants_instruments(self) -> bool:

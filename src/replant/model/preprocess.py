@@ -86,11 +86,8 @@ class Preprocess:
         if not valid.any():
             none = rejected_in_words(rejected) or "there is no sample"
             raise InvalidArgumentError(f"the working point needs at least one sample that can be used: {none}")
-        return Preprocess(
-            self.input_map,
-            _level(self.input_offset, mapped[valid]),
-            _level(self.output_offset, y[valid]),
-        )
+        offsets = (self.input_offset, mapped[valid]), (self.output_offset, y[valid])
+        return Preprocess(self.input_map, *(_level(*each) for each in offsets))
 
 
 def screen(mapped: FloatArray, y: FloatArray) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], dict[str, int]]:
@@ -126,11 +123,8 @@ def _working_point(name: str, value: WorkingPoint) -> WorkingPoint:
 
 
 def _level(offset: WorkingPoint, signal: FloatArray) -> float:
-    if offset == "first":
-        return float(signal[0])
-    if offset == "mean":
-        return float(signal.mean())
-    return float(offset)
+    levels: dict[WorkingPoint, float] = {"first": float(signal[0]), "mean": float(signal.mean())}
+    return float(levels.get(offset, offset))
 
 
 def centre(preprocess: Preprocess, u: FloatArray, y: FloatArray) -> Preprocess:

@@ -100,25 +100,17 @@ def bilinear(matrix: FloatArray, column: FloatArray, interval: float, alpha: flo
 
 def input_taps(matrix: FloatArray, column: FloatArray, interval: float, hold: str, fraction: float) -> FloatArray:
     """Return the exact weights (3, n) of x[k-2], x[k-1] and x[k] for an input delayed by a fraction of a sample."""
-    n = matrix.shape[0]
-    taps = np.zeros((3, n))
     # split at the corner of the delayed input: the first part lies on the older piece of the input
     early, late = fraction * interval, (1 - fraction) * interval
-    _, before, after = exact(matrix, column, late, hold)
-    if hold == "zoh":
-        taps[1] += before
-    else:
-        # the late part runs from the corner value x[k-1] to the point (1 - fraction) of the way to x[k]
-        taps[1] += before + fraction * after
-        taps[2] += (1 - fraction) * after
+    carry, before, after = exact(matrix, column, late, hold)
+    # the late part runs from the corner value x[k-1] to the point (1 - fraction) of the way to x[k]; of a held input
+    # ``after`` is zero, and the older piece is x[k-2] throughout
+    taps = np.stack([np.zeros(column.size), before + fraction * after, (1 - fraction) * after])
     if early > 0:
-        carry, _, _ = exact(matrix, column, late, hold)
         _, before, after = exact(matrix, column, early, hold)
-        if hold == "zoh":
-            taps[0] += carry @ before
-        else:
-            taps[0] += carry @ (fraction * before)
-            taps[1] += carry @ ((1 - fraction) * before + after)
+        older = 1.0 if hold == "zoh" else fraction
+        taps[0] = carry @ (older * before)
+        taps[1] += carry @ ((1 - older) * before + after)
     return taps
 
 
@@ -195,27 +187,21 @@ class Response:
         output, free = np.zeros(u.size), np.zeros((0 if self._at_rest else u.size, self._order))
         if u.size == 0:
             return Stretch(output, free, 0)
-        if self._samples.size == 0:
-            self._begin(u[0], regular=intervals is None)
-        samples, lengths = np.concatenate([self._samples, u]), np.array([self._dt])
+        if self._samples.size == 0:  # two samples stand for those before the first one
+            self._samples, self._lengths = np.full(2, u[0]), np.full(2, self._dt)
+            if intervals is None:
+                samples, fraction = split_delay(self._delay, self._dt)
+                self._progress[simulate.LAG], self._progress[simulate.WAIT] = samples, fraction * self._dt
+            elif self._delay > WHOLE * self._dt:
+                self._progress[simulate.WAIT] = self._delay
+        inputs, lengths = np.concatenate([self._samples, u]), np.array([self._dt])
         if intervals is not None:
             lengths = np.concatenate([self._lengths, intervals])
             if not self._progress[simulate.BEGUN]:
                 lengths[self._samples.size] = self._dt
         front, unknown, alive = simulate.simulate(
-            self._bank, self._states, self._work, self._row, self._feedthrough, self._progress, samples, lengths,
+            self._bank, self._states, self._work, self._row, self._feedthrough, self._progress, inputs, lengths,
             self._dt, self._straight, output, free,
         )  # fmt: skip
-        self._samples, self._lengths = samples[front - 2 :].copy(), lengths[front - 2 :].copy()
+        self._samples, self._lengths = inputs[front - 2 :].copy(), lengths[front - 2 :].copy()
         return Stretch(output, free[:alive], unknown)
-
-    def _begin(self, first: float, *, regular: bool) -> None:
-        """Get ready for the first sample: its input, and two that stand for those before it."""
-        from replant.kernels.filters import simulate
-
-        self._samples, self._lengths = np.full(2, first), np.full(2, self._dt)
-        samples, fraction = split_delay(self._delay, self._dt)
-        if regular:
-            self._progress[simulate.LAG], self._progress[simulate.WAIT] = samples, fraction * self._dt
-        elif self._delay > WHOLE * self._dt:
-            self._progress[simulate.WAIT] = self._delay

@@ -58,14 +58,12 @@ class Structure:
     MOST_POLES = 10  # with more, float64 does not resolve the regression
 
     def __post_init__(self) -> None:
-        keep(self, "poles", whole, 1)
+        keep(self, "poles", whole, 1, self.MOST_POLES)
         keep(self, "zeros", whole, 0)
         keep(self, "delay", dead_time)
         keep(self, "bias", truth)
         keep(self, "feedthrough", truth)
         poles, zeros = self.poles, self.zeros
-        if poles > self.MOST_POLES:
-            raise InvalidArgumentError(f"poles must be at most {self.MOST_POLES}, got {shown(poles)}")
         if zeros > poles or (zeros == poles and not self.feedthrough):
             hint = "; if the input acts on the output at once, set feedthrough=True" if zeros == poles else ""
             raise InvalidArgumentError(f"zeros must be fewer than poles, got {shown(zeros)} and {poles}{hint}")

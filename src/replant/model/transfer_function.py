@@ -98,7 +98,6 @@ class TransferFunction:
                 f"num must not be of higher order than den, got {numerator.size - 1} and {denominator.size - 1}"
             )
         numerator = numerator if numerator.size else np.zeros(1)
-        # adding zero turns -0.0 into 0.0: what compares equal must have the same hash
         for name, polynomial in (("num", numerator), ("den", denominator)):
             object.__setattr__(self, name, _monic(name, polynomial, float(denominator[0])))
         object.__setattr__(self, "delay", dead_time("delay", delay))
@@ -312,9 +311,7 @@ class TransferFunction:
             import control
         order = 1 if pade is None else whole("pade", pade, 1)
         rational = control.tf(self.num, self.den)
-        if not self.delay:
-            return rational
-        return rational * control.tf(*_pade(self.delay, order))
+        return rational * control.tf(*_pade(self.delay, order)) if self.delay else rational
 
     def to_sympy(self) -> Any:
         """Return G(s) as an expression of SymPy in the symbol s, the dead time as exp(-delay s).

@@ -114,9 +114,22 @@ class Uncertainty:
         return cancelled_pole(self.structure, self.parameters, self.covariance)
 
     @cached_property
+    @quiet
     def untold_pole(self) -> complex | None:
-        """The fastest pole where it may be infinitely fast, of a pair that above the real axis; else None."""
-        return untold_pole(self.structure, self.parameters, self.covariance)
+        """The fastest pole where no coefficient is known, of a pair that above the real axis; else None.
+
+        It may then be infinitely fast: every coefficient of A and B holds its product with the others.
+
+        >>> Uncertainty(Structure(2), np.array([3.0, 2.0, 1.0]), np.diag([3.0, 2.0, 1.0]) ** 2).untold_pole
+        (-2+0j)
+        >>> Uncertainty(Structure(2), np.array([3.0, 2.0, 1.0]), np.diag([3.0, 2.0, 0.1]) ** 2).untold_pole
+        """
+        size = self.structure.coefficients
+        std = np.sqrt(np.diag(self.covariance)[:size])
+        if self.structure.poles < 2 or not (np.abs(self.parameters[:size]) < UNKNOWN * std).all():
+            return None
+        poles = roots(np.append(1.0, self.parameters[self.structure.denominator]))
+        return _upper(poles[np.abs(poles).argmax()])
 
     def __repr__(self) -> str:
         known = zip(self.structure.names, self.parameters.tolist(), self.std.tolist(), strict=False)
@@ -254,34 +267,19 @@ def cancelled_pole(structure: Structure, parameters: FloatArray, covariance: Flo
     b = parameters[structure.numerator]
     poles, zeros = roots(a), roots(b)
     best, least = None, WEAK
-    pairs = [_pairs(poles, zeros)] if structure.zeros > 1 else []  # one zero cancels no pair
-    for candidates in (_real(poles, zeros), *pairs):
+    pairs = [_between(poles[poles.imag > 0.0], zeros[zeros.imag > 0.0])] if structure.zeros > 1 else []
+    for candidates in (_real(poles, zeros), *pairs):  # one zero cancels no pair
         found = _statistics(candidates, a, b, known)
         if found.min(initial=np.inf) < least:
             best, least = complex(candidates[found.argmin()]), float(found.min())
     if best is None:
         return None
-    nearest = complex(poles[np.abs(poles - best).argmin()])
-    return complex(nearest.real, abs(nearest.imag))
+    return _upper(poles[np.abs(poles - best).argmin()])
 
 
-@quiet
-def untold_pole(structure: Structure, parameters: FloatArray, covariance: FloatArray) -> complex | None:
-    """Return the fastest pole where no coefficient is known, of a pair that above the real axis; else None.
-
-    It may then be infinitely fast: every coefficient of A and B holds its product with the others.
-
-    >>> untold_pole(Structure(2), np.array([3.0, 2.0, 1.0]), np.diag([3.0, 2.0, 1.0]) ** 2)
-    (-2+0j)
-    >>> untold_pole(Structure(2), np.array([3.0, 2.0, 1.0]), np.diag([3.0, 2.0, 0.1]) ** 2)
-    """
-    size = structure.coefficients
-    std = np.sqrt(np.diag(covariance)[:size])
-    if structure.poles < 2 or not (np.abs(parameters[:size]) < UNKNOWN * std).all():
-        return None
-    poles = roots(np.append(1.0, parameters[structure.denominator]))
-    fastest = complex(poles[np.abs(poles).argmax()])
-    return complex(fastest.real, abs(fastest.imag))
+def _upper(pole: complex) -> complex:
+    """Return a pole, of a pair that above the real axis."""
+    return complex(pole.real, abs(pole.imag))
 
 
 def _real(poles: ComplexArray, zeros: ComplexArray) -> ComplexArray:
@@ -291,11 +289,6 @@ def _real(poles: ComplexArray, zeros: ComplexArray) -> ComplexArray:
     grid = np.geomspace(slowest / REACH, fastest * REACH, REAL) if fastest > 0.0 else np.zeros(0)
     between = _between(poles[poles.imag == 0.0], zeros[zeros.imag == 0.0])
     return np.concatenate([-grid, grid, between]).astype(np.complex128)
-
-
-def _pairs(poles: ComplexArray, zeros: ComplexArray) -> ComplexArray:
-    """Return the complex roots to look at: those of A and B, and those between them."""
-    return _between(poles[poles.imag > 0.0], zeros[zeros.imag > 0.0])
 
 
 def _between(poles: ComplexArray, zeros: ComplexArray) -> ComplexArray:

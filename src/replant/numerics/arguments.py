@@ -122,10 +122,8 @@ def instance(name: str, value: Any, *kinds: Any) -> Any:
     if isinstance(value, classes):
         return value
     words = [kind for kind in kinds if not isinstance(kind, type)]
-    if value is None or isinstance(value, str):
-        for word in words:
-            if word == value:
-                return word
+    if (value is None or isinstance(value, str)) and value in words:
+        return words[words.index(value)]
     allowed = " or ".join([*(_one(kind.__name__) for kind in classes), *(repr(word) for word in words)])
     got = _describe(value) if is_frame(value) else f"{type(value).__name__} {shown(value)}"
     raise ArgumentTypeError(f"{name} must be {allowed}, got {got}")
@@ -156,14 +154,13 @@ def vector(name: str, value: Any) -> FloatArray:
     return array
 
 
-def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
-    """Return input and output as vectors (K,) of equal length."""
-    u_vector, y_vector = vector("u", u), vector("y", y)
-    if u_vector.size != y_vector.size:
-        raise InvalidArgumentError(
-            f"u and y must have the same length, got {u_vector.size} and {y_vector.size} samples"
-        )
-    return u_vector, y_vector
+def record(u: Any, y: Any, names: tuple[str, str] = ("u", "y")) -> tuple[FloatArray, FloatArray]:
+    """Return input and output, or two other signals, as vectors (K,) of equal length."""
+    one, other = vector(names[0], u), vector(names[1], y)
+    if one.size != other.size:
+        both = " and ".join(names)
+        raise InvalidArgumentError(f"{both} must have the same length, got {one.size} and {other.size} samples")
+    return one, other
 
 
 def no_output(log: Any, needed: str) -> InvalidArgumentError:

@@ -122,8 +122,7 @@ def eigenvalues(symmetric: FloatArray) -> FloatArray:
 @quiet
 def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
     """Return the solution (T,), rows and columns equilibrated; None where singular, or anything is not finite."""
-    size = np.sqrt(np.abs(np.diag(matrix)))
-    size[~(size > 0.0)] = 1.0
+    size = _units(matrix)
     scaled = matrix / np.outer(size, size)
     if not (np.isfinite(scaled).all() and np.isfinite(right).all()):
         return None
@@ -173,13 +172,17 @@ def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
 @quiet
 def inverse_of(matrix: FloatArray) -> FloatArray:
     """Return the inverse of a square matrix (T, T) whose rows and columns have units of their own; NaN if singular."""
-    size = np.sqrt(np.abs(np.diag(matrix)))
-    size[~(size > 0.0)] = 1.0
-    scales = np.outer(size, size)
+    scales = np.outer(_units(matrix), _units(matrix))
     try:
         return np.asarray(np.linalg.inv(matrix / scales) / scales)
     except np.linalg.LinAlgError:
         return np.full_like(matrix, np.nan)
+
+
+def _units(matrices: FloatArray) -> FloatArray:
+    """Return the roots (..., T) of the diagonals' sizes, which make rows and columns comparable; 1 for zero."""
+    units = np.sqrt(np.abs(np.diagonal(matrices, axis1=-2, axis2=-1)))
+    return np.where(units > 0.0, units, 1.0)
 
 
 LEAST_PIVOT = 1e-13  # floor of a pivot of the equilibrated information: a hundred roundings [part of the diagonal]
@@ -189,26 +192,34 @@ LEAST_PIVOT = 1e-13  # floor of a pivot of the equilibrated information: a hundr
 def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return U (..., T, T), unit upper triangular, and D (..., T) with U D U' = information^-1; not finite as that is.
 
-    Equilibrated, so that the units of the parameters do not matter, and factored by Cholesky's L D L'.  Where the data
-    do not determine a direction, its pivot is rounding error: the pivot is floored, and the entries below it, rounding
-    errors as well, are taken as zero.  The direction then has a large, finite variance.
+    Equilibrated, so that the units of the parameters do not matter.  A direction that the data do not determine has a
+    large, finite variance.
     """
-    size = information.shape[-1]
     scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 0.0))
     scale[~(scale > 0.0)] = 1.0
-    rest = information / (scale[..., :, None] * scale[..., None, :])
-    lower, pivots = np.zeros_like(rest), np.empty_like(scale)
+    lower, pivots = _cholesky(information / (scale[..., :, None] * scale[..., None, :]))
+    # S = C L V L' C  =>  S^-1 = C^-1 L'^-1 V^-1 L^-1 C^-1 = U D U' with U = C^-1 L'^-1 C
+    inverse, diagonal = _inverse(lower), range(scale.shape[-1])
+    upper = np.triu(inverse.swapaxes(-2, -1) / scale[..., :, None] * scale[..., None, :])
+    upper[..., diagonal, diagonal] = 1.0
+    return upper, 1.0 / (pivots * scale**2)
+
+
+def _cholesky(rest: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return L (..., T, T), unit lower triangular, and D (..., T) with L D L' = an equilibrated matrix, overwritten.
+
+    Where a direction is not determined, its pivot is rounding error: the pivot is floored, and the entries below it,
+    rounding errors as well, are taken as zero.
+    """
+    size = rest.shape[-1]
+    lower, pivots = np.zeros_like(rest), np.empty(rest.shape[:-1])
     lower[..., range(size), range(size)] = 1.0
     for j in range(size):
         pivot = np.maximum(rest[..., j, j, None], LEAST_PIVOT)
         column = np.where(rest[..., j, j, None] <= LEAST_PIVOT, 0.0, rest[..., j + 1 :, j] / pivot)
         rest[..., j + 1 :, j + 1 :] -= pivot[..., None] * (column[..., :, None] * column[..., None, :])
         lower[..., j + 1 :, j], pivots[..., j] = column, pivot[..., 0]
-    # S = C L V L' C  =>  S^-1 = C^-1 L'^-1 V^-1 L^-1 C^-1 = U D U' with U = C^-1 L'^-1 C
-    inverse = _inverse(lower)
-    upper = np.triu(inverse.swapaxes(-2, -1) / scale[..., :, None] * scale[..., None, :])
-    upper[..., range(size), range(size)] = 1.0
-    return upper, 1.0 / (pivots * scale**2)
+    return lower, pivots
 
 
 def _inverse(lower: FloatArray) -> FloatArray:
@@ -229,17 +240,11 @@ def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:
 @quiet
 def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return U and D with U D U' = covariance (T, T)."""
-    size = covariance.shape[0]
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    rest = covariance / np.outer(scale, scale)
-    upper, diagonal = np.eye(size), np.empty(size)
-    for j in reversed(range(size)):
-        diagonal[j] = np.maximum(rest[j, j], LEAST_PIVOT)
-        if rest[j, j] <= LEAST_PIVOT:
-            continue
-        upper[:j, j] = rest[:j, j] / diagonal[j]
-        rest = rest - diagonal[j] * np.outer(upper[:, j], upper[:, j]) * (np.arange(size) < j)[:, None]
-    return upper * scale[:, None] / scale[None, :], diagonal * scale**2
+    # U D U' is L D L' of the matrix with its rows and columns in reverse order
+    lower, pivots = _cholesky((covariance / np.outer(scale, scale))[::-1, ::-1])
+    upper = np.ascontiguousarray(lower[::-1, ::-1])
+    return upper * scale[:, None] / scale[None, :], pivots[::-1] * scale**2
 
 
 @quiet

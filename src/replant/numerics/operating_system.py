@@ -149,12 +149,8 @@ def end_process(process: subprocess.Popen[bytes], owner: int) -> None:
     """End a process that ``owner`` started, and close its pipes; a fork of the owner leaves it alone."""
     if os.getpid() != owner:
         return
-    process.kill()
-    for pipe in (process.stdin, process.stdout):
-        assert pipe is not None
-        with contextlib.suppress(OSError):  # a request that was not sent
-            pipe.close()
-    process.wait()
+    with contextlib.suppress(OSError), process:  # of a request that was not sent
+        process.kill()
 
 
 START_TIMEOUT = 60.0  # time within which a thread that was started must have begun: it needs microseconds [s]

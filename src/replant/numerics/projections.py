@@ -102,11 +102,6 @@ def best_pole(r: FloatArray, *signals: FloatArray) -> float:
     return best
 
 
-def laguerre_states(r: FloatArray, *signals: FloatArray) -> FloatArray:
-    """Return the states (K, 12), of the pole with which they leave the least of the signals (K,) unexplained."""
-    return laguerre(r, best_pole(r, *signals))
-
-
 SWEEPS = 2
 """Times that the weights are found again with the colour of what is left [count].
 Origin: the colour of what the first weights leave is nearly right; more change nothing on the benchmarks.

@@ -38,7 +38,7 @@ from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression, whiteness
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, combined, products, sum_of_squares
-from replant.numerics.projections import explained_power, laguerre_states, orthogonal, weights_of, widening, without
+from replant.numerics.projections import best_pole, explained_power, laguerre, orthogonal, weights_of, widening, without
 from replant.numerics.score_test import Explained, Residual
 from replant.verdict.evidence import RESTING, ROUNDING, Evidence, Runs, rounding_of
 from replant.verdict.verdict import Finding
@@ -167,7 +167,7 @@ class Reference:
     @classmethod
     def projected(cls, r: FloatArray, u: FloatArray, y: FloatArray) -> Reference:
         """Project input and output (K,) on the reference (K,)."""
-        states = laguerre_states(r, u, y)
+        states = laguerre(r, best_pole(r, u, y))
         u, y, states = u - u.mean(), y - y.mean(), states - states.mean(axis=0)
         functions = np.column_stack([states, np.ones(u.size)])
         input_part, output_part = (combined(states, weights_of(functions, signal)[:-1]) for signal in (u, y))

@@ -28,7 +28,7 @@ every_denominator = every("denominator", DENOMINATORS.values(), ids=DENOMINATORS
 def made(denominator: np.ndarray) -> tuple[State, np.ndarray, int, int]:
     """A state of the refined filter, one of its banks with this denominator, n and T."""
     n = denominator.size - 1
-    state = State.build(rp.Structure(n, n - 1), 0.1, state_filter=None)
+    state = State.build(rp.Structure(n, n - 1), 0.1, rp.RefinedFilter())
     T = state.entries
     bank = state.banks[1]
     bk.set_denominator(bank, n, T, n, True, True, False, denominator[1:], np.ones(T))

@@ -50,7 +50,7 @@ def test_filters_are_exact_on_any_clock(hold: str, delay: float, spread: float, 
     n, poles = 3, np.poly([-3.0, -2.0, -2.0])
     structure = rp.Structure(n, n if feedthrough else n - 1, delay=delay, feedthrough=feedthrough)
     state_filter = rp.StateVariableFilter(denominator=poles, input_hold=hold)
-    state = State.build(structure, DT, state_filter=state_filter, input_hold=hold)
+    state = State.build(structure, DT, state_filter)
     (u, y), t = signals(1), stamps(1, spread)
     phi, _, target, _ = run(state, u, y, t)
     of_y, of_u = filtered_at(y, t, poles, 0.0, "foh"), filtered_at(u, t, poles, delay, hold)
@@ -82,7 +82,7 @@ def test_the_auxiliary_model_is_the_plant(order: int, hold: str, delay: float) -
     """
     plant = random_plant(order, order, order - 1)
     structure = rp.Structure(order, order - 1, delay=delay)
-    state = State.build(structure, DT, state_filter=None, input_hold=hold)
+    state = State.build(structure, DT, rp.RefinedFilter(hold))
     (u, y), t = signals(2), stamps(2, 0.3)
     u[:4] = 0.0  # at rest until the input that acts is one of the record
     theta = np.zeros(state.entries)
@@ -105,7 +105,7 @@ def test_the_auxiliary_model_is_the_plant(order: int, hold: str, delay: float) -
 def test_nuisances_are_an_offset_and_an_initial_state(order: int) -> None:
     """The regressor's last entries: 1/A of one, and s^i/A of an impulse at the start."""
     plant = random_plant(order, order)
-    state = State.build(rp.Structure(order), DT, state_filter=None)
+    state = State.build(rp.Structure(order), DT, rp.RefinedFilter())
     (u, y), t = signals(3), stamps(3, 0.3)
     theta = np.zeros(state.entries)
     theta[:order] = plant.den[1:]
@@ -125,7 +125,7 @@ def test_nuisances_are_an_offset_and_an_initial_state(order: int) -> None:
 
 def test_a_missing_held_input_counts_with_what_is_known_of_it() -> None:
     """Over three sampling times the input stood for the first, and is taken to be half of the way for the others."""
-    state = State.build(rp.Structure(1), DT, state_filter=rp.StateVariableFilter(1.0))
+    state = State.build(rp.Structure(1), DT, rp.StateVariableFilter(1.0))
     u, y = np.array([0.0, 1.0, 4.0]), np.zeros(3)
     phi, *_ = run(state, u, y, np.array([0.0, DT, 4 * DT]))
     level = (1.0 + 2 * 2.5) / 3
@@ -139,7 +139,7 @@ def test_a_missing_sample_of_an_input_that_stood_costs_nothing() -> None:
     u, t = np.repeat(generator.standard_normal(20), 8), DT * np.arange(160)
     y = filtered_at(u, t, [1.0, 3.0, 2.0], 0.0, "zoh").astype(float)[:, 1]
     kept = np.arange(160) % 8 != 4
-    phi, *_ = run(State.build(structure, DT, state_filter=state_filter), u[kept], y[kept], t[kept])
+    phi, *_ = run(State.build(structure, DT, state_filter), u[kept], y[kept], t[kept])
     of_u = filtered_at(u, t, state_filter.polynomial(2), 0.13, "zoh")[kept]
     close(phi[:, 2:], of_u)
 
@@ -148,7 +148,7 @@ def test_a_device_that_samples_more_slowly_misses_nothing_wherever_the_ring_begi
     """No input is taken to have moved between its samples, at none of the places of the ring of inputs."""
     poles, delay, t = np.poly([-3.0, -2.0]), 1.0 * DT, 2 * DT * np.arange(SAMPLES)
     state_filter = rp.StateVariableFilter(denominator=poles)
-    state = State.build(rp.Structure(2, 1, delay=delay), DT, state_filter=state_filter)
+    state = State.build(rp.Structure(2, 1, delay=delay), DT, state_filter)
     assert 3 < state.ring_size < SAMPLES / 2
     u, y = -0.01 - 0.1 * np.abs(signals(5))
     u[:4] = u[0]  # until two intervals are known
@@ -161,7 +161,7 @@ def test_an_unstable_estimate_serves_with_its_poles_reflected(unstable: list[flo
     """The filter's poles are mirrored, and lie left of the margin; the model's own coefficients are the estimate's."""
     from replant.kernels.filters.chain import renew_model
 
-    state = State.build(rp.Structure(2), DT, state_filter=None)
+    state = State.build(rp.Structure(2), DT, rp.RefinedFilter())
     state.install(np.array([3.0, 2.0, 1.0, 0.0, 0.0, 0.0]))
     state.stability_margin, state.largest_bandwidth = 1e-3, 100.0
     state.theta[:2], state.ready_at, state.elapsed = unstable, 0.0, 10.0
@@ -177,7 +177,7 @@ def test_a_wild_estimate_never_serves_as_a_model() -> None:
     """`renew_model` is the only way from the estimate to a filter: it looks at the bandwidth."""
     from replant.kernels.filters.chain import renew_model
 
-    state = State.build(rp.Structure(2), DT, state_filter=None)
+    state = State.build(rp.Structure(2), DT, rp.RefinedFilter())
     good = np.zeros(state.entries)
     good[:3] = 3.0, 2.0, 1.0
     state.install(good)
@@ -200,7 +200,7 @@ def test_a_wild_estimate_never_serves_as_a_model() -> None:
 
 
 def test_installing_a_model_leaves_the_other_banks_alone() -> None:
-    state = State.build(rp.Structure(2), DT, state_filter=None)
+    state = State.build(rp.Structure(2), DT, rp.RefinedFilter())
     before = state.banks.copy()
     install_model(*state.arrays, 2, np.ones(state.entries))
     np.testing.assert_array_equal(state.banks[:2], before[:2])
@@ -239,7 +239,7 @@ def test_the_error_of_an_unstable_plant_is_defined_and_vanishes(poles: list[floa
     """
     u, y, curvature = loop(poles, 400)
     n, slowest = len(poles), 1e-3 / (400 * DT)
-    state = State.build(rp.Structure(n), DT, state_filter=None)
+    state = State.build(rp.Structure(n), DT, rp.RefinedFilter())
     state.stability_margin = slowest
     theta = np.zeros(state.entries)
     theta[:n], theta[n] = np.poly(poles)[1:], 1.0
@@ -262,17 +262,17 @@ def test_instruments_are_the_regressor_of_what_a_reference_explains(delay: float
     """With (u_r, y_r) given for (u, y), zeta is phi of the record (u_r, y_r); all else does not change."""
     structure = rp.Structure(2, zeros, delay=delay, feedthrough=zeros == 2)
     (u, y), (u_r, y_r), t = signals(5), signals(6), stamps(5, 0.3)
-    theta = np.zeros(State.build(structure, DT, state_filter=None).entries)
+    theta = np.zeros(State.build(structure, DT, rp.RefinedFilter()).entries)
     theta[:3] = -1.0, 2.0, 1.0
     passes = []
     for reference in (False, True):
-        state = State.build(structure, DT, state_filter=None, input_hold=hold, reference=reference)
+        state = State.build(structure, DT, rp.RefinedFilter(hold), reference=reference)
         state.stability_margin = 1e-3
         state.install(theta)
         passes.append(run(state, u, y, t, np.column_stack([u_r, y_r]) if reference else NONE))
     for one, other in zip(passes[0][::2], passes[1][::2], strict=True):
         np.testing.assert_array_equal(one, other)  # phi and target
-    state = State.build(structure, DT, state_filter=None, input_hold=hold)
+    state = State.build(structure, DT, rp.RefinedFilter(hold))
     state.stability_margin = 1e-3
     state.install(theta)
     phi, *_ = run(state, u_r, y_r, t)
@@ -286,7 +286,7 @@ def test_the_predicted_output_is_the_one_that_makes_the_residual_zero() -> None:
     theta = np.array([-1.0, 2.0, 1.0, 3.0, 0.5, 0.2, -0.1])
 
     def residual_and_output(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        state = State.build(structure, DT, state_filter=None)
+        state = State.build(structure, DT, rp.RefinedFilter())
         state.stability_margin = 1e-3
         state.install(theta)
         phi, _, target, output = run(state, u, y, t)
@@ -302,7 +302,7 @@ def test_the_predicted_output_is_the_one_that_makes_the_residual_zero() -> None:
 
 def test_with_a_negative_margin_an_unstable_model_is_simulated_from_the_input_alone() -> None:
     (u, y), t = signals(10), stamps(10, 0.3)
-    state = State.build(rp.Structure(2), DT, state_filter=None)
+    state = State.build(rp.Structure(2), DT, rp.RefinedFilter())
     state.stability_margin = -1.0
     theta = np.zeros(state.entries)
     theta[:3] = -0.5, 1.0, 2.0

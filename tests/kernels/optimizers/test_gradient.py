@@ -24,10 +24,8 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
     """Zeta is phi without its noise, as an auxiliary model makes it; without instruments it must not be looked at."""
     optimizer = OPTIMIZERS[name](**TWINS[name].settings)
     memory, numbers = optimizer.memory(4), optimizer.settings(DT, np.ones(4))
-    state = State.empty(Dimensions(2, 4, 8, memory.size, numbers.size, companions=instruments))
-    state.describe(
-        rp.Structure(2, 1), DT, state_filter=rp.StateVariableFilter(2.0), input_hold="zoh", instruments=instruments
-    )
+    state = State.empty(Dimensions(2, 4, 8, memory.size, numbers.size, instruments=instruments))
+    state.describe(rp.Structure(2, 1), DT, rp.StateVariableFilter(2.0))
     state.rescale(np.ones(4), 1.0)
     state.memory[:], state.settings[:], state.algorithm = memory, numbers, optimizer.code
     P = state.entries

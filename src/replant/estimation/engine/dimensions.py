@@ -17,27 +17,26 @@ DENSEST = 4.0  # rate at which samples may come where there is a dead time: so m
 
 @dataclass(frozen=True)
 class Dimensions:
-    """What the sizes of the kernels' arrays follow from."""
+    """What the sizes of the kernels' arrays follow from, by the names of the slots that say so in a state."""
 
     order: int  # poles, n
     entries: int  # of the regressor, T
-    ring: int  # past inputs kept
-    memory: int  # numbers of the optimizer's memory, M
-    settings: int  # and of its settings, S
-    batch: int = 1  # updates a sample
+    ring_size: int  # past inputs kept
+    memory_size: int = 0  # numbers of the optimizer's memory, M
+    settings_size: int = 0  # and of its settings, S
+    batch_size: int = 1  # updates a sample
     capacity: int = 1  # rows of the buffer
-    recent: int = 0  # raw samples kept
-    companions: bool = False  # whether a row of the buffer holds the regressor's noise-free companion as well
-    guarded: bool = False  # whether outputs are examined before they are learned
-    reference: bool = False  # whether there is a reference, which is kept beside the raw samples
-    path: int = ROOM  # rows of the estimate's path
+    recent_size: int = 0  # raw samples kept
+    instruments: bool = False  # whether a row of the buffer holds the regressor's noise-free companion as well
+    examines_output: bool = False  # whether outputs are examined before they are learned
+    has_reference: bool = False  # whether there is a reference, which is kept beside the raw samples
+    path_size: int = ROOM  # rows of the estimate's path
 
     @classmethod
     def of_settings(cls, settings: Settings, recent: int, path: int | None = None) -> Dimensions:
         """Return those of an identifier with these settings that has room for so many raw samples, and a path."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
-        refined = settings.filter.follows_estimate
-        entries = entries_of(structure, refined=refined)
+        entries = entries_of(structure, refined=settings.filter.follows_estimate)
         if path is None:
             path = ROOM if recent >= FEWEST_JUDGED else 0
         return cls(
@@ -46,28 +45,25 @@ class Dimensions:
             ring_of(structure, settings.dt),
             optimizer.memory(entries).size,
             optimizer.settings(settings.dt, np.ones(entries)).size,
-            batch=replay.batch_size if replay else 1,
+            batch_size=replay.batch_size if replay else 1,
             capacity=replay.capacity if replay else 1,  # without replay: the newest sample, which is always learned
-            recent=recent,
-            companions=settings.instruments,
-            guarded=optimizer.keeps_covariance,
-            reference=settings.reference,
-            path=path,
+            recent_size=recent,
+            instruments=settings.instruments,
+            examines_output=optimizer.keeps_covariance,
+            has_reference=settings.reference,
+            path_size=path,
         )
 
     @classmethod
     def of_request(cls, request: Request, recent: int, *, reference: bool) -> Dimensions:
         """Return those of a start-up, whose samples are collected before there are filters and an estimate."""
-        ring = ring_of(request.structure, request.dt)
-        return cls(1, 1, ring, 0, 0, recent=recent, guarded=request.keeps_covariance, reference=reference)
+        ring, examines = ring_of(request.structure, request.dt), request.keeps_covariance
+        return cls(1, 1, ring, recent_size=recent, examines_output=examines, has_reference=reference)
 
     @property
     def numbers(self) -> Numbers:
         """The dimensions by the names that the schema gives them."""
-        return dimensions(
-            order=self.order, entries=self.entries, memory_size=self.memory, settings_size=self.settings,
-            ring_size=self.ring, path_size=self.path, has_reference=self.reference,
-        )  # fmt: skip
+        return dimensions(**vars(self))
 
     @property
     def begins(self) -> dict[Block, int]:
@@ -84,11 +80,11 @@ class Dimensions:
         from replant.kernels.filters import bank
 
         return {
-            "ints": (ROWS + self.batch,),
+            "ints": (ROWS + self.batch_size,),
             "reals": (SCALARS + sum(block.size(self.numbers) for block in StateSlots.blocks),),
             "banks": (3, bank.size(self.order, self.entries)),
-            "buffer": (self.capacity, (2 if self.companions else 1) * self.entries + 2),
-            "recent": (self.recent, 6 if self.reference else 5 if self.guarded else 3),
+            "buffer": (self.capacity, (2 if self.instruments else 1) * self.entries + 2),
+            "recent": (self.recent_size, 6 if self.has_reference else 5 if self.examines_output else 3),
         }
 
 

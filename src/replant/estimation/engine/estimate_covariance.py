@@ -21,7 +21,7 @@ def covariance(state: State, settings: Settings) -> FloatArray:
     if settings.optimizer.keeps_colour:
         scaled = _of_least_squares(state)
     elif settings.optimizer.keeps_covariance:
-        scaled = _kept(state)
+        scaled = compose(*state.factors)
     else:
         scaled = _of_buffer(state)
     physical = 0.5 * (scaled + scaled.T) * np.outer(state.unit, state.unit)  # symmetric to the bit
@@ -40,11 +40,6 @@ def slowness(state: State, settings: Settings) -> float:
     return float(wider.max())
 
 
-def _kept(state: State) -> FloatArray:
-    """Return U D U' of the optimizer's memory."""
-    return compose(*state.factors)
-
-
 def _of_least_squares(state: State) -> FloatArray:
     """Return the covariance by the residual's colour, without forgetting no less than the path's scatter."""
     from replant.kernels.monitoring.scatter import lasting
@@ -52,7 +47,8 @@ def _of_least_squares(state: State) -> FloatArray:
     coloured = covariance_by_colour(state)
     if state.settings[0] < 1.0:
         return coloured
-    return no_less_than_scattered(coloured, scatter_of(state.path, state.theta, _kept(state), lasting(state)))
+    scatter = scatter_of(state.path, state.theta, compose(*state.factors), lasting(state))
+    return no_less_than_scattered(coloured, scatter)
 
 
 def covariance_by_colour(state: State) -> FloatArray:
@@ -61,7 +57,7 @@ def covariance_by_colour(state: State) -> FloatArray:
     With a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta': without forgetting that
     makes sigma^2 P, with it about half as much (`replant.kernels.monitoring.scatter`).
     """
-    colour, inverse = state.colour, _kept(state)
+    colour, inverse = state.colour, compose(*state.factors)
     seen, forgetting = colour.count, float(state.settings[0])
     count = max(seen - state.entries, 1.0)
     share = (2.0 - seen * (1.0 - forgetting)) / (1.0 + forgetting)  # of the sums of mu^2j and mu^j

@@ -118,16 +118,6 @@ class RecentSamples:
         """Samples since which another load acts, as a solution of the record has found it."""
         return tuple(np.flatnonzero(self.doubt == LOAD).tolist())
 
-    @property
-    def doubted(self) -> float:
-        """Share of the samples whose output was bridged."""
-        return float(self.is_bridged.mean())
-
-    @property
-    def stuck(self) -> float:
-        """Share of the samples whose output was that of a stuck sensor."""
-        return float((self.doubt == Doubt.STUCK).mean())
-
     def cleaned(self) -> RecentSamples:
         """Return a copy with lonely outliers bridged, as the filters saw them."""
         copy = RecentSamples(self.values.copy())

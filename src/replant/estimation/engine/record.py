@@ -134,10 +134,8 @@ class Record:
     def answers(self, delay: float) -> BoolArray:
         """Return which outputs (K,) answer to inputs of their own part, with a dead time in s."""
         answers = np.ones(self.u.size, bool)
-        parts = self.parts
-        for rows in parts:
-            part = self if len(parts) == 1 else self.part(rows)
-            answers[rows.start : rows.start + part.unknown(delay)] = False
+        for rows in self.parts:
+            answers[rows.start : rows.start + self.part(rows).unknown(delay)] = False
         return answers
 
     @property
@@ -146,7 +144,7 @@ class Record:
         return _slices(self.begins, self.u.size)
 
     def part(self, rows: slice) -> Record:
-        """Return a stretch of a record on an irregular clock."""
+        """Return a stretch without a gap."""
         return self._cut(rows, math.inf)
 
     def first(self, samples: int) -> Record:

@@ -17,7 +17,7 @@ import numpy as np
 
 from replant.errors import SystemRefusedError
 from replant.estimation.engine.dimensions import Dimensions, collects_at_most, entries_of, ring_of, room_for
-from replant.estimation.filters import StateVariableFilter
+from replant.estimation.filters import Filter
 from replant.estimation.settings import Request, Settings
 from replant.kernels.native import Kernel, library
 from replant.kernels.schema import StateArrays
@@ -95,40 +95,32 @@ class State(StateArrays):
             raise SystemRefusedError(
                 f"the system grants no memory for {what} of {rows:,} rows of {columns} numbers: ask for {remedy}"
             ) from error
-        state.order, state.entries, state.ring_size = sizes.order, sizes.entries, sizes.ring
-        state.memory_size, state.settings_size = sizes.memory, sizes.settings
-        state.capacity, state.batch_size, state.recent_size = sizes.capacity, sizes.batch, sizes.recent
-        state.examines_output, state.has_reference = sizes.guarded, sizes.reference
-        state.path_size = sizes.path
+        for name, value in vars(sizes).items():
+            setattr(state, name, value)
         return state
 
     @classmethod
     def build(
-        cls, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str = "zoh",
-        instruments: bool = False, reference: bool = False,
-    ) -> State:  # fmt: skip
+        cls, structure: Structure, dt: float, chosen: Filter, *, instruments: bool = False, reference: bool = False
+    ) -> State:
         """Return unscaled arrays without an optimizer, and fill in what is known of a fixed filter."""
-        refined = state_filter is None
+        refined = chosen.follows_estimate
         entries, ring = entries_of(structure, refined=refined), ring_of(structure, dt)
         instruments = instruments or refined
-        state = cls.empty(Dimensions(structure.poles, entries, ring, 0, 0, companions=instruments, reference=reference))
-        state.describe(structure, dt, state_filter=state_filter, input_hold=input_hold, instruments=instruments)
+        sizes = Dimensions(structure.poles, entries, ring, instruments=instruments, has_reference=reference)
+        state = cls.empty(sizes)
+        state.describe(structure, dt, chosen)
         state.rescale(np.ones(entries), 1.0)
-        if state_filter is not None:
-            state.fix_filter(structure, dt, state_filter)
+        state.fix_filter(structure, dt, chosen)
         return state
 
-    def describe(
-        self, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str,
-        instruments: bool,
-    ) -> None:  # fmt: skip
+    def describe(self, structure: Structure, dt: float, chosen: Filter) -> None:
         """Fill in structure, sampling time and kind of filter; nothing compiled runs, see `fix_filter`."""
-        refined = state_filter is None
         self.parameter_count, self.input_entries = structure.size, structure.zeros + 1
-        self.straight_input = input_hold == "foh"
-        self.has_constant = refined or structure.bias
-        self.refined, self.instruments = refined, instruments
-        self.bilinear = state_filter is not None and state_filter.regular_only
+        self.straight_input = chosen.input_hold == "foh"
+        self.refined = chosen.follows_estimate
+        self.has_constant = self.refined or structure.bias
+        self.bilinear = chosen.regular_only
         self.adapt, self.serving_bank = True, 1
         self.delay, self.interval = structure.delay, dt
         self.ready_at = self.longest_gap = math.inf
@@ -142,24 +134,19 @@ class State(StateArrays):
     def of_settings(cls, settings: Settings, recent: int, path: int | None = None) -> State:
         """Return the arrays of an identifier with these settings, before its first sample."""
         state = cls.laid_out(settings, recent, path)
-        if settings.filter.fixed:
-            state.fix_filter(settings.structure, settings.dt, settings.filter.fixed)
+        state.fix_filter(settings.structure, settings.dt, settings.filter)
         return state
 
     @classmethod
     def laid_out(cls, settings: Settings, recent: int, path: int | None = None) -> State:
         """Return the same without the fixed filter's numbers: nothing compiled has run yet."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
-        entries = entries_of(structure, refined=settings.filter.follows_estimate)
-        sigma = np.ones(entries)
-        sigma[: structure.size] = settings.scaling.sigmas(structure)
         state = cls.empty(Dimensions.of_settings(settings, recent, path))
-        state.describe(
-            structure, settings.dt, state_filter=settings.filter.fixed, input_hold=settings.filter.input_hold,
-            instruments=settings.instruments,
-        )  # fmt: skip
+        state.describe(structure, settings.dt, settings.filter)
+        sigma = np.ones(state.entries)
+        sigma[: structure.size] = settings.scaling.sigmas(structure)
         state.rescale(sigma, settings.scaling.output)
-        state.memory[:] = optimizer.memory(entries)
+        state.memory[:] = optimizer.memory(state.entries)
         state.settings[:] = optimizer.settings(settings.dt, state.unit)
         state.algorithm, state.normalize = optimizer.code, settings.normalize
         state.warmup = min(replay.warmup, replay.capacity - 1) if replay else 0  # a full buffer is warm
@@ -228,12 +215,14 @@ class State(StateArrays):
         finally:
             self.square_input, self.input_offset, self.output_offset = kept
 
-    def fix_filter(self, structure: Structure, dt: float, state_filter: StateVariableFilter) -> None:
-        """Give the fixed bank its denominator; the bilinear filter also its one discretisation."""
+    def fix_filter(self, structure: Structure, dt: float, chosen: Filter) -> None:
+        """Give the bank of a fixed filter its denominator; of the bilinear one also its one discretisation."""
         from replant.kernels.filters import bank as bk
 
-        n, entries = structure.poles, self.entries
-        fixed = self.banks[0]
+        state_filter = chosen.fixed
+        if state_filter is None:
+            return
+        n, entries, fixed = structure.poles, self.entries, self.banks[0]
         bk.set_denominator(
             fixed, n, entries, self.input_entries, self.has_constant, False, True,
             state_filter.polynomial(n)[1:], self.sigma,

@@ -21,6 +21,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
+from replant.estimation.filters import RefinedFilter
 from replant.kernels.schema import STATE_ARRAYS
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
@@ -98,7 +99,7 @@ class Pass:
 
 @lru_cache(maxsize=16)  # a solution asks ten times for the same, and to lay them out takes as long as three passes
 def _state_of(structure: Structure, dt: float, input_hold: str, *, reference: bool) -> State:
-    return State.build(structure, dt, state_filter=None, input_hold=input_hold, reference=reference)
+    return State.build(structure, dt, RefinedFilter(input_hold), reference=reference)
 
 
 class AuxiliaryModel:

@@ -15,11 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import GAP, gaps_of
 from replant.model.state_space import Response, Stretch
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import BoolArray, FloatArray, vector
+from replant.numerics.arguments import BoolArray, FloatArray, record
 from replant.numerics.linear_algebra import combined, quiet, sum_of_squares
 from replant.numerics.projections import amounts_of, lengths_of
 from replant.numerics.robust import last_known
@@ -64,11 +63,7 @@ def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
     >>> fit_percent(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 2.0]))
     100.0
     """
-    measured, modelled = vector("measured", measured), vector("modelled", modelled)
-    if measured.size != modelled.size:
-        raise InvalidArgumentError(
-            f"measured and modelled must have the same length, got {measured.size} and {modelled.size} samples"
-        )
+    measured, modelled = record(measured, modelled, ("measured", "modelled"))
     kept = np.isfinite(measured) & ~np.isnan(modelled)
     y, model = measured[kept], modelled[kept]
     if y.size == 0 or y.min() == y.max():

@@ -32,7 +32,7 @@ def regressors(
 
     if t is not None and state_filter.regular_only:
         raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
-    state = State.build(structure, dt, state_filter=state_filter, input_hold=state_filter.input_hold)
+    state = State.build(structure, dt, state_filter)
     state.square_input = preprocess.input_map == "square"
     state.input_offset, state.output_offset = float(preprocess.input_offset), float(preprocess.output_offset)
     phi, target = np.empty((u.size, structure.size)), np.empty(u.size)
