@@ -91,15 +91,14 @@ def best_pole(r: FloatArray, *signals: FloatArray) -> float:
     """Return the pole whose functions of r (K,) leave the least of the signals (K,) unexplained."""
     moved = [signal - signal.mean() for signal in signals]
     targets = np.column_stack([signal / lengths_of(signal[:, None]) for signal in moved])
-    best, most = float(POLES[0]), -math.inf
-    for pole in POLES:
+
+    def explained(pole: float) -> float:
         states = laguerre(r, pole)
         centred = states - states.mean(axis=0)
         amounts = orthogonal(products(centred, centred)).T @ products(centred, targets)
-        explained = float(np.sum(amounts**2))
-        if explained > most:
-            best, most = float(pole), explained
-    return best
+        return float(np.sum(amounts**2))
+
+    return float(max(POLES, key=explained))
 
 
 SWEEPS = 2

@@ -39,7 +39,7 @@ def test_a_block_gives_back_what_was_put_in() -> None:
 
 def test_a_members_arrays_follow_the_block() -> None:
     block = Block.of_states([0, 1], states(2))
-    block.reals[:, 1] = 7.0
+    block.arrays[1][:, 1] = 7.0
     assert (block.state(1).reals == 7.0).all()
     assert (block.state(1).theta == 7.0).all()
 

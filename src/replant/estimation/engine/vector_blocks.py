@@ -103,12 +103,8 @@ class Block:
 
     numbers: IntArray  # (LANES,): which members these are; lanes left over repeat the first
     members: int  # how many there are
-    # this and the next four as of `State`; the member axis is the first here, the last of the others
-    ints: np.ndarray[tuple[int, int], np.dtype[np.int64]]
-    reals: FloatArray
-    banks: FloatArray
-    buffer: FloatArray
-    recent: FloatArray
+    # as of `State`; the member axis is the first of ``ints``, the last of the others
+    arrays: tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]
     apart: bool  # whether the random streams differ; then the member axis of ``buffer`` is the first
     work: tuple[np.ndarray, ...] = field(repr=False)
 
@@ -119,32 +115,24 @@ class Block:
 
         lanes = [*states, *[states[0]] * (LANES - len(states))]
         rows = [*numbers, *[numbers[0]] * (LANES - len(numbers))]
-        first, buffers = states[0], [state.buffer for state in lanes]
-        apart = are_apart(states)
-        batch, memory = first.batch_size, first.memory_size
+        first, apart = states[0], are_apart(states)
         work = (
             np.ones(LANES, np.int64),
-            aligned((batch, first.buffer.shape[1], LANES)),
-            np.arange(batch),
+            aligned((first.batch_size, first.buffer.shape[1], LANES)),
+            np.arange(first.batch_size),
             np.zeros(LANES, np.int64),
-            aligned((first.entries + memory, LANES)),
+            aligned((first.entries + first.memory_size, LANES)),
         )
-        return cls(
-            np.array(rows), len(states), np.stack([state.ints for state in lanes]),
-            side_by_side([state.reals for state in lanes]), side_by_side([state.banks for state in lanes]),
-            np.stack(buffers) if apart else side_by_side(buffers), side_by_side([state.recent for state in lanes]),
-            apart, work,
-        )  # fmt: skip
+        ints, reals, banks, buffers, recent = zip(*(state.arrays for state in lanes), strict=True)
+        buffer = np.stack(buffers) if apart else side_by_side(buffers)
+        arrays = np.stack(ints), side_by_side(reals), side_by_side(banks), buffer, side_by_side(recent)
+        return cls(np.array(rows), len(states), arrays, apart, work)
 
     def state(self, lane: int) -> State:
         """Return one member's arrays: views, which follow it."""
-        return State(
-            self.ints[lane],
-            self.reals[:, lane],
-            self.banks[..., lane],
-            self.buffer[lane] if self.apart else self.buffer[..., lane],
-            self.recent[..., lane],
-        )
+        ints, reals, banks, buffers, recent = self.arrays
+        buffer = buffers[lane] if self.apart else buffers[..., lane]
+        return State(ints[lane], reals[..., lane], banks[..., lane], buffer, recent[..., lane])
 
     def take(
         self, room: Room, start: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray
@@ -154,9 +142,8 @@ class Block:
 
         spaces = room.of(len(u) - start, parameters.shape[2])
         ensemble.steps(
-            self.ints, self.reals, self.banks, self.buffer, self.recent, self.apart, *self.work, *spaces, self.numbers,
-            self.members, start, u, y, errors, parameters,
-        )  # fmt: skip
+            *self.arrays, self.apart, *self.work, *spaces, self.numbers, self.members, start, u, y, errors, parameters
+        )
 
 
 class Lanes:
