@@ -32,7 +32,7 @@ MOVES = Movement((1.0,), 1.0, 0.01)
 
 def table_of(rows, shape):
     """Return rows as the table of results."""
-    return pyarrow.Table.from_pylist([json.loads(cells_of(row, shape)) for row in rows], schema(shape))
+    return pyarrow.Table.from_pylist([cells_of(row, shape) for row in rows], schema(shape))
 
 
 def row(

@@ -67,7 +67,7 @@ def test_the_tasks_with_the_most_work_are_first() -> None:
 
 
 def test_a_rig_is_printed_without_its_files() -> None:
-    assert repr(Rig("a", (PIECE,))) == "Rig(name='a', problem='')"
+    assert repr(Rig("a", (PIECE,))) == "Rig(name='a')"
 
 
 def test_rigs_of_a_folder(tmp_path: Path) -> None:

@@ -33,8 +33,8 @@ NAMELESS = "(no name)"
 Key = str | int | None
 
 
-def rigs_in_columns(pieces: Sequence[Piece], column: str) -> list[tuple[str, Piece, str]]:
-    """Return name, rows and problem, if any, of each rig; a file that cannot be read is a rig, by the file's name."""
+def rigs_in_columns(pieces: Sequence[Piece], column: str) -> list[tuple[str, Piece]]:
+    """Return name and rows of each rig; a file that cannot be read is a rig, by the file's name."""
     for piece in pieces:
         if not is_parquet(piece):
             raise LogError(
@@ -45,7 +45,7 @@ def rigs_in_columns(pieces: Sequence[Piece], column: str) -> list[tuple[str, Pie
         return [rig for found in pool.map(partial(_rigs_of, column=column), pieces) for rig in found]
 
 
-def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece, str]]:
+def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece]]:
     try:
         with open_parquet(Path(piece.path)) as file:
             schema = file.schema_arrow
@@ -53,7 +53,7 @@ def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece, str]]:
             usable = column in names and _is_name(schema.field(column).type)
             found = _groups(file, column) if usable else {}
     except LogError as problem:
-        return [(piece.name, piece, str(problem))]
+        return [(piece.name, replace(piece, problem=str(problem)))]
     if column not in names:
         raise LogError(
             f"{piece.path}: no column {column!r}, nor a folder {column}=...; there are: {listed(names)}; "
@@ -66,12 +66,14 @@ def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece, str]]:
         )
     parts = []
     for key, (groups, rows, alone) in found.items():
-        part = replace(
-            piece, groups=tuple(groups), rows=rows, column="" if alone else column, key=None if alone else key
-        )
-        lacking = f"{piece.path}: {rows} rows have no value in column {column!r}, so that they are no rig's"
-        nobody = key is None or not str(key).strip()
-        parts.append((NAMELESS if nobody else str(key), part, lacking if nobody else ""))
+        part = replace(piece, groups=tuple(groups), rows=rows)
+        if not alone:
+            part = replace(part, column=column, key=key)
+        name = "" if key is None else str(key)
+        if not name.strip():
+            lacking = f"{piece.path}: {rows} rows have no value in column {column!r}, so that they are no rig's"
+            name, part = NAMELESS, replace(part, problem=lacking)
+        parts.append((name, part))
     return parts
 
 
@@ -129,29 +131,24 @@ def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = No
     if not pieces:
         known = " ".join(FORMATS)
         raise LogError(f"{logs}: no log in it; a log is one of {known}, perhaps with {' '.join(PACKED)}")
-    if by == FILE:
-        return sorted((Rig(piece.name, (piece,), piece.problem) for piece in pieces), key=lambda rig: rig.name)
-    named: list[tuple[str, Piece, str]] = []
+    named: list[tuple[str, Piece]] = []
     inside, own = [], _own_name(pieces)
     for piece in pieces:
-        key = (_folder(piece.name) or own) if by == FOLDER else _hive_key(piece.name, by)
-        if key is not None:
-            named.append((key, piece, piece.problem or (NOBODY.format(piece.path, by) if key == NAMELESS else "")))
+        if by == FILE:
+            named.append((piece.name, piece))
+        elif by == FOLDER:
+            named.append((_folder(piece.name) or own, piece))
+        elif (key := _hive_key(piece.name, by)) is not None:
+            problem = NOBODY.format(piece.path, by) if key == NAMELESS else ""
+            named.append((key, replace(piece, problem=piece.problem or problem)))
         elif piece.problem:
-            named.append((piece.name, piece, piece.problem))
+            named.append((piece.name, piece))
         else:
             inside.append(piece)
-    grouped: dict[str, list[tuple[Piece, str]]] = defaultdict(list)
-    for name, piece, problem in named + rigs_in_columns(inside, by):
-        grouped[name].append((piece, problem))
-    return [
-        Rig(
-            name,
-            tuple(sorted((piece for piece, _ in of), key=lambda piece: piece.name)),
-            next((problem for _, problem in of if problem), ""),
-        )
-        for name, of in sorted(grouped.items())
-    ]
+    grouped = defaultdict(list)
+    for name, piece in named + rigs_in_columns(inside, by):
+        grouped[name].append(piece)
+    return [Rig(name, tuple(sorted(of, key=lambda piece: piece.name))) for name, of in sorted(grouped.items())]
 
 
 def is_parquet(piece: Piece) -> bool:
@@ -237,19 +234,15 @@ def _walked(folder: Path, is_left_out: Callable[[Path], bool]) -> dict[Path, str
     found: dict[Path, str] = {}
     refused: list[OSError] = []
     # a link to a folder that is being searched would lead round for ever: it is not followed
-    above: dict[str, frozenset[tuple[int, int]]] = {os.fspath(folder): _identity(os.fspath(folder))}
-    for where, folders, names in os.walk(folder, onerror=refused.append, followlinks=True):
-        chain = above.get(where, frozenset())
-        kept = []
-        for name in sorted(folders):
-            inner = os.path.join(where, name)  # noqa: PTH118 - as os.walk names it
-            identity = _identity(inner)
-            if name[0] in "._" or identity & chain or is_left_out(Path(inner)):
-                continue
-            above[inner] = chain | identity
-            kept.append(name)
-        folders[:] = kept
-        found |= {Path(where, name): "" for name in names if is_log(Path(name))}
+    above = {folder: {os.path.realpath(folder)}}
+    for top, folders, names in os.walk(folder, onerror=refused.append, followlinks=True):
+        where = Path(top)
+        for name in list(folders):
+            inner, real = where / name, os.path.realpath(where / name)
+            if name[0] in "._" or real in above[where] or is_left_out(inner):
+                folders.remove(name)
+            above[inner] = above[where] | {real}
+        found |= {where / name: "" for name in names if is_log(Path(name))}
     for error in refused:
         path = Path(os.fsdecode(error.filename))
         found[path] = f"{path}: the folder cannot be searched ({error.strerror}); check its permissions"
@@ -274,12 +267,3 @@ def is_log(path: Path) -> bool:
     if suffixes and suffixes[-1] in PACKED:
         suffixes.pop()
     return path.name[0] not in "._" and bool(suffixes) and suffixes[-1] in FORMATS
-
-
-def _identity(folder: str) -> frozenset[tuple[int, int]]:
-    """Return what a folder is known by under all its names; empty where it cannot be looked at."""
-    try:
-        about = os.stat(folder)  # noqa: PTH116
-    except OSError:
-        return frozenset()
-    return frozenset({(about.st_dev, about.st_ino)})

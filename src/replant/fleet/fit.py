@@ -9,6 +9,7 @@ import pickle
 import shutil
 import tempfile
 import weakref
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ from replant.fitting.model_json import STRUCTURE
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
 from replant.fleet.job import ABOUT, MODELS, TABLE, Job, Shape, planned, wanted, work_of
-from replant.fleet.store import Store, column, read_table
+from replant.fleet.store import FAILED, Store, column, read_table, verdicts_of
 from replant.fleet.worker import carry_out
 from replant.model.structure import Structure
 from replant.numerics.arguments import iterable
@@ -221,10 +222,8 @@ class Fleet:
     @property
     def verdicts(self) -> dict[str, int]:
         """How many rigs have each verdict, the most frequent first; "failed" are those without a model."""
-        counts = self.table().column("verdict").value_counts().to_pylist()
-        return {
-            each["values"]: each["counts"] for each in sorted(counts, key=lambda one: (-one["counts"], one["values"]))
-        }
+        counts = Counter(verdicts_of(self.table()).tolist())
+        return dict(sorted(counts.items(), key=lambda each: (-each[1], each[0])))
 
     def model(self, rig: str) -> Model | RowModel:
         """Return the model of a rig.
@@ -360,8 +359,10 @@ def _identify_all(
     with workers(on) as found:
         for number, done in carried_out(found, partial(carry_out, store.job), tasks):
             ended += work[number]
-            store.add(tasks[number], done.cells)
-            count, failed, samples = count + len(done.cells), failed + done.failed, samples + done.samples
+            store.add(tasks[number], done)
+            count += len(done)
+            failed += sum(cells["verdict"] == FAILED for cells in done)
+            samples += sum(cells["samples"] for cells in done)
             progress(Progress(rigs, count, failed, samples, ended / sum(work)))
 
 

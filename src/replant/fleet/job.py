@@ -188,7 +188,7 @@ class Piece:
     column: str = ""
     # the column whose value is ``key`` in the rig's rows; an empty name where all rows are the rig's
     key: str | int | None = None
-    problem: str = ""  # why it cannot be read, where that is known without opening it
+    problem: str = ""  # why it cannot be identified, where that is known beforehand
 
     @property
     def row_groups(self) -> RowGroups:
@@ -202,7 +202,11 @@ class Rig:
 
     name: str
     pieces: tuple[Piece, ...] = field(repr=False)
-    problem: str = ""  # why it cannot be identified, where that is known beforehand
+
+    @property
+    def problem(self) -> str:
+        """Why it cannot be identified, where that is known beforehand."""
+        return next((piece.problem for piece in self.pieces if piece.problem), "")
 
     @property
     def fingerprint(self) -> str:

@@ -21,7 +21,6 @@ from replant.fleet.statistics import (
     figures_of,
     limit_of,
     located,
-    quantities_of,
     unit_factor,
 )
 from replant.fleet.store import FAILED, column, verdicts_of
@@ -68,10 +67,11 @@ def oddness_of(table: Any, shape: Shape) -> Oddness:
         place = located(figures.x[base], figures.covariances[base])
         squared = distances(figures, place)
         distance[figures.known] = np.sqrt(squared[figures.known])
-        usual = _usual(figures, place, quantities_of(shape))
+        weighed = figures.weighed(shape)
+        usual = tuple(_usual(figures, place, *each) for each in weighed)
         limit = limit_of(len(figures.names), int(base.sum()), len(verdicts))
         for row in np.flatnonzero(trusted & figures.known & (squared > limit)).tolist():
-            words[row] = _of_figures(figures, place, row, usual)
+            words[row] = _of_figures(figures, place, row, weighed)
     for row, said in _of_signals(table, shape, verdicts).items():
         words[row] = said
     odd = np.array([bool(each) for each in words], bool)
@@ -82,23 +82,17 @@ def oddness_of(table: Any, shape: Shape) -> Oddness:
     return Oddness(order, odd, tuple(words), distance, usual)
 
 
-def _usual(figures: Figures, place: Location, quantities: list[Quantity]) -> tuple[tuple[Quantity, float, float], ...]:
-    found = []
-    for quantity in quantities:
-        w = figures.weights(quantity)
-        if w is None:
-            continue
-        sign = math.prod(figures.signs[figures.names.index(name)] for name, _ in quantity.weights)
-        middle = sign * quantity.factor * math.exp(float(w @ place.centre))
-        found.append((quantity, middle, math.exp(math.sqrt(max(float(w @ place.spread @ w), 0.0)))))
-    return tuple(found)
+def _usual(figures: Figures, place: Location, quantity: Quantity, w: FloatArray) -> tuple[Quantity, float, float]:
+    """Return a quantity, its median in the fleet, and the ratio by which rigs usually differ from it."""
+    middle = math.prod(figures.signs[w != 0.0]) * quantity.factor * math.exp(float(w @ place.centre))
+    return quantity, middle, math.exp(math.sqrt(max(float(w @ place.spread @ w), 0.0)))
 
 
-def _of_figures(figures: Figures, place: Location, row: int, usual: tuple[tuple[Quantity, float, float], ...]) -> str:
+def _of_figures(figures: Figures, place: Location, row: int, weighed: list[tuple[Quantity, FloatArray]]) -> str:
     """Return in words how a rig differs from the fleet, the quantity that differs most first."""
     total = (place.spread + figures.covariances[row]) * place.scale
-    off, quantities = figures.x[row] - place.centre, [quantity for quantity, _, _ in usual]
-    found = deviations(figures, quantities, off, total, figures.reversed[row], figures.certainty[row], bound=1.0)
+    off = figures.x[row] - place.centre
+    found = deviations(weighed, off, total, figures.reversed[row], figures.certainty[row], bound=1.0)
     turned, factor = any(each.turned % 2 and each.quantity.name == "gain" for each in found), unit_factor(found)
     found.sort(key=lambda each: -each.size)
     head = [f"reversed sign: {each.words()}" for each in found if turned and each.turned % 2][:1]
@@ -224,24 +218,24 @@ def _differences(
     straight = usable & ~turned.any(axis=1)
     if straight.sum() >= FEWEST + size:
         around = located(off[straight], P[straight])
-        scale, told = around.scale, _of_fleet(second, around, P[straight], shape)
+        scale, told = around.scale, _of_fleet(second.weighed(shape), around, P[straight])
     place = Location(np.zeros(size), np.zeros((size, size)), scale)
     squared = np.where(usable, place.squared_distances(off, P), 0.0)
     certainty = np.minimum(first.certainty, second.certainty)
     squared += np.where(turned & usable[:, None], np.square(certainty), 0.0).sum(axis=1)
     limit = limit_of(size, int(straight.sum()), int(usable.sum()))
-    drifted, quantities = [], quantities_of(shape)
+    drifted, weighed = [], second.weighed(shape)
     for row in np.flatnonzero(usable & (squared > limit)).tolist():
-        moved = deviations(second, quantities, off[row], scale * P[row], turned[row], certainty[row])
+        moved = deviations(weighed, off[row], scale * P[row], turned[row], certainty[row])
         moved.sort(key=lambda each: -each.size)
         sure = [each for each in moved if each.size >= FEW_SIGMA][:2] or moved[:1]
         drifted.append(Drifted(rigs[row], math.sqrt(squared[row]), "; ".join(each.words(BEFORE) for each in sure)))
     return tuple(sorted(drifted, key=lambda each: (-each.distance, each.rig))), told
 
 
-def _of_fleet(figures: Figures, around: Location, P: FloatArray, shape: Shape) -> tuple[str, ...]:
+def _of_fleet(weighed: list[tuple[Quantity, FloatArray]], around: Location, P: FloatArray) -> tuple[str, ...]:
     """Return by which ratio the fleet's quantities have changed, where that is more than chance."""
     uncertain = np.linalg.inv(np.linalg.inv(around.spread + P).sum(axis=0)) * around.scale
-    none = np.zeros(len(figures.names))
-    found = deviations(figures, quantities_of(shape), around.centre, uncertain, none > 0.0, none)
+    none = np.zeros(around.centre.size)
+    found = deviations(weighed, around.centre, uncertain, none > 0.0, none)
     return tuple(each.words(BEFORE) for each in found if abs(each.log_ratio) > FEW_SIGMA * each.std > 0.0)

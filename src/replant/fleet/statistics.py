@@ -140,13 +140,13 @@ class Figures:
     certainty: FloatArray  # (N, p): coefficients over their standard deviations, without sign
     known: BoolArray  # (N,): which rigs have finite figures at all
 
-    def weights(self, quantity: Quantity) -> FloatArray | None:
-        """Return the weights (p,) of a quantity; None where a coefficient of it has no common sign."""
-        found = np.zeros(len(self.names))
-        for name, weight in quantity.weights:
-            if self.signs[self.names.index(name)] == 0.0:
-                return None
-            found[self.names.index(name)] = weight
+    def weighed(self, shape: Shape) -> list[tuple[Quantity, FloatArray]]:
+        """Return the quantities of a shape with the weights (p,) of each, whose coefficients all have a common sign."""
+        found = []
+        for quantity in quantities_of(shape):
+            w = np.array([dict(quantity.weights).get(name, 0.0) for name in self.names])
+            if (self.signs[w != 0.0] != 0.0).all():
+                found.append((quantity, w))
         return found
 
 
@@ -272,8 +272,7 @@ class Deviation:
 
 
 def deviations(
-    figures: Figures,
-    quantities: Sequence[Quantity],
+    weighed: Sequence[tuple[Quantity, FloatArray]],
     off: FloatArray,
     P: FloatArray,
     turned: BoolArray,
@@ -282,10 +281,7 @@ def deviations(
 ) -> list[Deviation]:
     """Return the deviations of quantities by those of the coefficients ``off`` (p,), of covariance ``P`` (p, p)."""
     found = []
-    for quantity in quantities:
-        w = figures.weights(quantity)
-        if w is None:
-            continue
+    for quantity, w in weighed:
         std, signs = math.sqrt(float(w @ P @ w)), int(turned[w != 0.0].sum())
         # a sign is at most the bound over the standard deviation of the logarithm sure
         sure = min(float(certainty[w != 0.0].min()), bound / std) if signs % 2 else 0.0

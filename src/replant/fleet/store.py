@@ -98,9 +98,10 @@ class Store:
             done = {place for place, cells in found if _cells_in(cells) is not None}
         return [rig for place, rig in enumerate(rigs) if place not in done]
 
-    def add(self, rigs: Sequence[Rig], cells: Sequence[str]) -> None:
-        """Add the results of rigs, all of them or none."""
-        rows = [(self._key_of(rig), zlib.compress(text.encode(), 1)) for rig, text in zip(rigs, cells, strict=True)]
+    def add(self, rigs: Sequence[Rig], results: Sequence[dict[str, Any]]) -> None:
+        """Add the cells of rigs, all of them or none."""
+        texts = [json.dumps(cells, allow_nan=False).encode() for cells in results]
+        rows = [(self._key_of(rig), zlib.compress(text, 1)) for rig, text in zip(rigs, texts, strict=True)]
         with self._refusals_said(), self._file:
             self._file.executemany("INSERT OR REPLACE INTO rig VALUES (?, ?)", rows)
 
@@ -223,9 +224,8 @@ FAILED = "failed"  # what stands in place of the verdict where a rig could not b
 class Movement:
     """How far the signals of a record move."""
 
-    input_stds: tuple[
-        float, ...
-    ] = ()  # of each input; both: standard deviation of the raw signal, NaN without a sample
+    # standard deviations of the raw signals; NaN without a sample
+    input_stds: tuple[float, ...] = ()
     output_std: float = math.nan
     output_held: float = math.nan  # longest stretch over which the output is constant to the bit [part of the record]
 
@@ -267,8 +267,8 @@ def schema(shape: Shape) -> Any:
     return pyarrow.schema(fields)
 
 
-def cells_of(row: Row, shape: Shape) -> str:
-    """Return a row as an object of JSON: its cells by column, the model's JSON, the seconds; none that is not known."""
+def cells_of(row: Row, shape: Shape) -> dict[str, Any]:
+    """Return what is known of a row as an object of JSON: its cells by column, the model's JSON, the seconds."""
     moved = zip(shape.branches, row.movement.input_stds, strict=False)  # a rig that failed has none
     numbers = {"begin": row.begin, "end": row.end, **{f"input_std{end}": std for (_, end, _), std in moved}}
     numbers |= {"output_std": row.movement.output_std, "output_held": row.movement.output_held}
@@ -283,8 +283,7 @@ def cells_of(row: Row, shape: Shape) -> str:
         cells["model"] = json.dumps(json.loads(row.model.to_json()), ensure_ascii=False)  # in one line
         cells["covariance"] = None if covariance is None else covariance.ravel().tolist()
         numbers |= _figures(row.model, shape)
-    cells |= {name: value for name, value in numbers.items() if math.isfinite(value)}
-    return json.dumps(cells, allow_nan=False)
+    return cells | {name: value for name, value in numbers.items() if math.isfinite(value)}
 
 
 def _figures(model: Model | RowModel, shape: Shape) -> dict[str, float]:

@@ -8,7 +8,6 @@ import sys
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -111,23 +110,9 @@ def _named(model: Model | RowModel, recording: Recording) -> Model | RowModel:
     return dataclasses.replace(model, provenance=dataclasses.replace(model.provenance, date=""))
 
 
-@dataclass(frozen=True)
-class Done:
-    """What a task reports."""
-
-    cells: tuple[str, ...]  # of each rig, see `cells_of`
-    failed: int
-    samples: int
-
-
-def carry_out(job: Job, rigs: Sequence[Rig]) -> Done:
-    """Identify the rigs of a task; this is what an executor calls."""
-    rows = [identify(rig, job) for rig in rigs]
-    return Done(
-        tuple(cells_of(row, job.shape) for row in rows),
-        sum(row.verdict == FAILED for row in rows),
-        sum(row.samples for row in rows),
-    )
+def carry_out(job: Job, rigs: Sequence[Rig]) -> list[dict[str, Any]]:
+    """Identify the rigs of a task, and return the cells of each; this is what an executor calls."""
+    return [cells_of(identify(rig, job), job.shape) for rig in rigs]
 
 
 def movement_of(recording: Recording) -> Movement:
