@@ -11,7 +11,7 @@ import tempfile
 import threading
 import webbrowser
 from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import cache, partial
 from importlib import resources
 from pathlib import Path
@@ -32,7 +32,7 @@ from replant.workbench import tasks
 from replant.workbench.choices import text
 from replant.workbench.model_cards import Card, judged
 from replant.workbench.opened_log import with_role
-from replant.workbench.session import LARGEST, SUFFIX, Session, logs_folder, newest_session, read, session_of, token
+from replant.workbench.session import SUFFIX, Session, folder, newest_session, read, session_of, token
 
 POINTS = 1200  # places in time of a curve, unless the page asks for fewer [count]
 MOST_POINTS = 4000  # the same at the most [count]
@@ -122,42 +122,18 @@ def report_of(card: Card) -> bytes:
         return written.read_bytes()
 
 
-class Upload(ExitStack):
-    """A file that comes from the page, block by block: a log, or the file of a session; what is left is removed."""
-
-    def __init__(self, session: Session, name: str) -> None:
-        super().__init__()
-        self._session, self._name = session, _safe(name)
-        self._path = Path(
-            self.enter_context(tempfile.TemporaryDirectory(prefix="drop-", dir=logs_folder())), self._name
-        )
-        self._file = self.enter_context(self._path.open("wb"))
-
-    def write(self, block: bytes) -> None:
-        """Take a block."""
-        try:
-            self._file.write(block)
-        except OSError as cause:
-            raise ReplantError(f"{self._name}: {one_line(cause)}") from None
-
-    def finish(self) -> dict[str, Any]:
-        """Open what has come."""
-        self._file.close()
-        if self._name.endswith(SUFFIX):
-            if self._path.stat().st_size > LARGEST:
-                raise ReplantError(f"{self._name}: too large for a session")
-            self._session.restore(self._path.read_text(encoding="utf-8", errors="replace"), self._name)
-            return {"log": self._session.active}
-        return {"log": self._session.open(self._kept()).name}
-
-    def _kept(self) -> Path:
-        """Return where the log lies: in the working folder, if it is the file of that name there, or a copy of it."""
-        named, known = Path.cwd() / self._name, digest(self._path)
-        if named.is_file() and named.stat().st_size == self._path.stat().st_size and digest(named) == known:
-            return named
-        folder = logs_folder() / known[:16]
-        folder.mkdir(exist_ok=True)
-        return self._path.replace(folder / self._name)
+def opened_file(session: Session, dropped: Path) -> str:
+    """Open a file that was dropped on the page, a log or the file of a session; return the name of the log shown."""
+    if dropped.suffix == SUFFIX:
+        session.restore(read(dropped, dropped.name), dropped.name)
+        return session.active
+    # it is the file of that name in the working folder, or a copy of it is kept
+    named, known = Path.cwd() / dropped.name, digest(dropped)
+    if not (named.is_file() and named.stat().st_size == dropped.stat().st_size and digest(named) == known):
+        named = folder("logs") / known[:16] / dropped.name
+        named.parent.mkdir(exist_ok=True)
+        dropped.replace(named)
+    return session.open(named).name
 
 
 def _safe(name: str) -> str:
@@ -261,7 +237,7 @@ def opened(logs: Sequence[Path], host: str = "127.0.0.1", port: int = 0) -> Iter
 
     try:
         if kept_in.exists():
-            session.restore(read(kept_in), str(kept_in))
+            session.restore(read(kept_in, str(kept_in)), str(kept_in))
         for path in [] if own else logs:
             session.open(path)
         session.changed()
@@ -305,12 +281,18 @@ def _routes(session: Session, hub: Hub) -> list[Route | WebSocketRoute]:
         return JSONResponse({**(found or {}), "revision": session.changed()})
 
     async def upload(request: Request) -> Response:
-        with Upload(session, request.query_params.get("name", "")) as coming:
-            async for block in request.stream():
-                await asyncio.to_thread(coming.write, block)
-            found = await asyncio.to_thread(coming.finish)
+        name = _safe(request.query_params.get("name", ""))
+        with tempfile.TemporaryDirectory(prefix="drop-", dir=folder("logs")) as held:
+            dropped = Path(held, name)
+            try:
+                with dropped.open("wb") as file:
+                    async for block in request.stream():
+                        await asyncio.to_thread(file.write, block)
+            except OSError as cause:
+                raise ReplantError(f"{name}: {one_line(cause)}") from None
+            shown = await asyncio.to_thread(opened_file, session, dropped)
         session.changed()
-        return JSONResponse(found)
+        return JSONResponse({"log": shown})
 
     async def ask(request: Request) -> Response:
         asked = ASKED.get(request.path_params["name"])

@@ -157,11 +157,14 @@ class Samples:
             self.columns[number] = Column(values, buckets_of(values))
         self.rows = max(column.values.size for column in self.columns.values())
 
-    def drawn(self, shown: Sequence[int], clock: Clock, between: tuple[float, float], points: int) -> dict[str, Any]:
-        """Return the columns ``shown`` between two times in s, with at most ``points`` least and greatest values."""
+    def drawn(
+        self, shown: Sequence[int], clock: Clock, between: tuple[float, float] | None, points: int
+    ) -> dict[str, Any]:
+        """Return the columns ``shown`` between two times in s, or all; ``points`` is the most of each."""
         times = self.columns.get(clock.number) if clock.number is not None else None
-        first, last = clock.rows(times, self.rows, between)
-        found: dict[str, Any] = {"columns": {}, "rows": self.rows, "all": clock.ends(times, self.rows)}
+        ends = clock.ends(times, self.rows)
+        first, last = clock.rows(times, self.rows, between or (0.0, ends[1]))
+        found: dict[str, Any] = {"columns": {}, "rows": self.rows, "all": ends}
         for number in shown:
             column = self.columns.get(number)
             if column is None:

@@ -115,14 +115,14 @@ def _result(found: dict[str, Any]) -> dict[str, Any]:
     ]  # fmt: skip
     candidates = [each for each in found.get("candidates", ()) if each["criterion"] is not None]
     candidates.sort(key=lambda each: each["criterion"])
-    least = candidates[0]["criterion"] if candidates else 0.0
-    for each in candidates:
-        each["behind"] = 0.5 * (each["criterion"] - least)
+    likely = [
+        {**each, "behind": 0.5 * (each["criterion"] - candidates[0]["criterion"])} for each in candidates[:LIKELY]
+    ]
     return {
         "num": found["num"], "den": found["den"], "delay": found["delay"], "poles": found["structure"]["poles"],
         "zeros": found["structure"]["zeros"], "fit": found["fit"]["simulated"], "one_step": found["fit"]["one_step"],
         "samples": found["samples"], "known": _known(found["parameters"]), "unusable": not words.usable,
-        "verdict": judged(found["verdict"]), "unseen": unseen, "candidates": candidates[:LIKELY],
+        "verdict": judged(found["verdict"]), "unseen": unseen, "candidates": likely,
         "tried": len(found.get("candidates", ())), "seconds": found.get("elapsed_seconds"),
         "left_out": {reason: count for reason, count in found["rejected"].items() if count},
     }  # fmt: skip
@@ -143,8 +143,7 @@ def _known(parameters: dict[str, dict[str, float | None]]) -> float | None:
     return max(parts) if parts else None
 
 
-def sort_key(card: Card, order: str) -> Any:
-    """Return by what cards are sorted: made keeps their order, fit has the best on unseen samples first."""
+def _sort_key(card: Card, order: str) -> Any:
     if order == "name":
         return card.title.casefold()
     if card.state != DONE:
@@ -157,19 +156,19 @@ def sort_key(card: Card, order: str) -> Any:
 
 
 def in_order(cards: Sequence[Card], order: str) -> list[Card]:
-    """Return cards in one of `ORDERS`."""
-    return list(cards) if order == "made" else sorted(cards, key=lambda card: sort_key(card, order))
+    """Return cards in one of `ORDERS`: made keeps their order, fit has the best on unseen samples first."""
+    return list(cards) if order == "made" else sorted(cards, key=lambda card: _sort_key(card, order))
 
 
 def card_of(kept: dict[str, Any]) -> Card:
     """Return a card from the file of a session; raises KeyError, TypeError or ValueError where it holds none."""
-    names = {each.name for each in dataclasses.fields(Card)}
-    given = {name: kept[name] for name in names}
+    given = {each.name: kept[each.name] for each in dataclasses.fields(Card)}
     given["setup"], given["wish"] = Setup().changed(kept["setup"]), Wish().changed(kept["wish"])
     given["path"] = Path(kept["path"])
     given["words"] = words_of(given["path"], given["setup"], given["wish"])  # a file says what to fit, not what to run
-    for key in ("name", "title", "log", "stage", "error", "model", "state"):
-        given[key] = text(key, given[key]) if key != "model" else str(given[key])
+    given["model"] = str(given["model"])
+    for key in ("name", "title", "log", "stage", "error", "state"):
+        given[key] = text(key, given[key])
     card = Card(**given)
     if card.state == DONE:
         card.view()  # raises where figures are missing

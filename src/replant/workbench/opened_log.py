@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -37,47 +36,33 @@ class Opened:
         self.modified = _modified(path)
         self.samples = Samples(path)
         self._work, self._changed = work, changed
-        self._is_new, self._again, self._closed = not setup.input, False, False
-        self._lock = threading.Lock()
-        self._busy = False
+        self._is_new, self._closed = not setup.input, False
+        self._asked = threading.Event()
+        Worker(self._read_when_asked).start()
+        self.refresh()
 
     def refresh(self) -> None:
         """Inspect and read the log, as far as that is not done; once more if it is being done."""
-        with self._lock:
-            self._again = True
-            if self._busy or self._closed:
-                return
-            self._busy = True
-        Worker(self._refresh).start()
+        self._asked.set()
 
     def read_again(self) -> None:
         """Forget the samples, as of a record that goes on, and read the file once more."""
-        with self._lock:
-            if self._busy:
-                return
+        if self.state in (INSPECTING, READING):
+            return
         self.samples.close()
         self.samples, self.modified = Samples(self.path), _modified(self.path)
         self.refresh()
 
     def close(self) -> None:
         """Stop reading, and remove what was read."""
-        with self._lock:
-            self._closed = True
-            busy = self._busy
-        if not busy:
-            self.samples.close()
+        self._closed = True
+        self._asked.set()
 
-    def _refresh(self) -> None:
-        while True:
-            with self._lock:
-                if not self._again or self._closed:
-                    self._busy = False
-                    break
-                self._again = False
+    def _read_when_asked(self) -> None:
+        while self._asked.wait() and not self._closed:
+            self._asked.clear()
             self._try()
-            self._changed()
-        if self._closed:
-            self.samples.close()
+        self.samples.close()
 
     def _try(self) -> None:
         try:
@@ -151,11 +136,7 @@ class Opened:
             return {"columns": {}, "rows": 0, "all": [0.0, 1.0]}
         clock = self.clock
         shown = [number for number in self._drawn() if number != clock.number]
-        ends = between or (0.0, math.inf)
-        if between is None:
-            times = None if clock.number is None else self.samples.columns[clock.number]
-            ends = (0.0, clock.ends(times, self.samples.rows)[1])
-        return self.samples.drawn(shown, clock, ends, points)
+        return self.samples.drawn(shown, clock, between, points)
 
     def view(self) -> dict[str, Any]:
         """Return what the page shows beside the signals."""

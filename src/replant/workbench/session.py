@@ -12,57 +12,42 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from replant.errors import InvalidArgumentError, ReplantError, shown
 from replant.numerics.operating_system import one_line, reason_of, replacing
-from replant.workbench.choices import Setup, Wish, words_of
-from replant.workbench.model_cards import (
-    DONE,
-    FAILED,
-    OPEN,
-    ORDERS,
-    RUNNING,
-    STOPPED,
-    Card,
-    card_of,
-    in_order,
-    title_of,
-)
+from replant.workbench.choices import Setup, Wish, text, words_of
+from replant.workbench.model_cards import DONE, OPEN, ORDERS, Card, card_of, in_order, title_of
 from replant.workbench.opened_log import BROKEN, Opened
-from replant.workbench.tasks import Jobs, Outcome, Work
+from replant.workbench.tasks import Jobs, Work
+
+SUFFIX = ".workbench"
+
+T = TypeVar("T")
 
 
-def folder() -> Path:
-    """Return the folder of the workbench, which only its user may read."""
+def folder(inner: str = "") -> Path:
+    """Return the folder of the workbench, which only its user may read, or one in it: logs, sessions."""
     given = os.environ.get("XDG_STATE_HOME") or (os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else "")
     found = Path(given or Path.home() / ".local" / "state") / "replant"
     try:
         found.mkdir(mode=0o700, parents=True, exist_ok=True)
+        (found / inner).mkdir(exist_ok=True)
     except OSError as error:
         raise ReplantError(f"{one_line(error)}; XDG_STATE_HOME names another folder to keep sessions in") from None
-    return found
-
-
-def logs_folder() -> Path:
-    """Return the folder of logs that were dropped on the page."""
-    found = folder() / "logs"
-    found.mkdir(exist_ok=True)
-    return found
+    return found / inner
 
 
 def session_of(logs: Sequence[Path]) -> Path:
     """Return the file that keeps the session of these logs."""
     named = "\n".join(sorted(str(path.absolute()) for path in logs))
-    sessions = folder() / "sessions"
-    sessions.mkdir(exist_ok=True)
-    return sessions / f"{hashlib.sha256(named.encode('utf-8', 'surrogateescape')).hexdigest()[:16]}.workbench"
+    return folder("sessions") / f"{hashlib.sha256(named.encode('utf-8', 'surrogateescape')).hexdigest()[:16]}{SUFFIX}"
 
 
 def newest_session() -> Path:
     """Return the file of the session that was open last, or that of no logs."""
-    none = session_of(())
-    return max(none.parent.glob("*.workbench"), key=lambda path: path.stat().st_mtime, default=none)
+    kept = folder("sessions").glob(f"*{SUFFIX}")
+    return max(kept, key=lambda path: path.stat().st_mtime, default=session_of(()))
 
 
 def token() -> str:
@@ -80,7 +65,6 @@ def token() -> str:
 
 
 FORM = 1  # version of the file of a session [number]
-SUFFIX = ".workbench"
 SAVING = 0.3  # time after a change until the session is kept [s]
 MOST_LOGS = 32  # logs of a session [count]
 MOST_SHOWN = 6  # models that are compared at a time: as many as there are colours [count]
@@ -92,7 +76,7 @@ class Session:
 
     def __init__(self, kept_in: Path | None, publish: Callable[[dict[str, Any]], None]) -> None:
         self.kept_in, self._publish = kept_in, publish
-        self.work, self.jobs = Work(), Jobs(self._progress, self._finished)
+        self.work, self.jobs = Work(), Jobs(self._told)
         self.logs: dict[str, Opened] = {}
         self.cards: dict[str, Card] = {}
         self.active, self.order, self.shown = "", "made", list[str]()
@@ -127,17 +111,11 @@ class Session:
 
     def log(self, name: str) -> Opened:
         """Return a log of the session."""
-        found = self.logs.get(name)
-        if found is None:
-            raise InvalidArgumentError(f"there is no log {shown(name)} in this session: reload the page")
-        return found
+        return _held(self.logs, name, "log")
 
     def card(self, name: str) -> Card:
         """Return a card of the session."""
-        found = self.cards.get(name)
-        if found is None:
-            raise InvalidArgumentError(f"there is no model {shown(name)} in this session: reload the page")
-        return found
+        return _held(self.cards, name, "model")
 
     # --- logs ---
 
@@ -152,7 +130,6 @@ class Session:
                     raise InvalidArgumentError(f"{MOST_LOGS} logs are open: close some first")
                 same = Opened(name or self._next("log"), path, self.work, self.changed, setup, wish)
                 self.logs[same.name] = same
-                same.refresh()
             self.active = same.name
         self.changed()
         return same
@@ -249,17 +226,11 @@ class Session:
             raise InvalidArgumentError(f"cards are sorted by {', '.join(ORDERS)}, not {shown(order)}")
         self.order = order
 
-    def _progress(self, name: str, stage: str, percent: int) -> None:
+    def _told(self, name: str, changes: dict[str, Any]) -> None:
+        """Take what a job tells of its card, which may have been removed; a new model is compared, if there is room."""
         with self.lock:
             if name in self.cards:
-                self.cards[name] = replace(self.cards[name], state=RUNNING, stage=stage, percent=percent)
-        self.changed()
-
-    def _finished(self, name: str, outcome: Outcome | None) -> None:
-        with self.lock:
-            card = self.cards.get(name)
-            if card is not None:
-                self.cards[name] = _ended(card, outcome)
+                self.cards[name] = replace(self.cards[name], **changes)
                 if self.cards[name].state == DONE and len(self.compared) < MOST_SHOWN:
                     self.show(name, chosen=True)
         self.changed()
@@ -293,7 +264,7 @@ class Session:
             self.shown = [name if name in self.cards else "" for name in kept["shown"][:MOST_SHOWN]]
             self.sort(kept["order"])
             for log in logs:
-                self.open(Path(log["path"]), Setup().changed(log["setup"]), Wish().changed(log["wish"]), log["name"])
+                self.open(*log)
             self.active = kept["active"] if kept["active"] in self.logs else self.active
         self.changed()
 
@@ -317,43 +288,41 @@ class Session:
             log.close()
 
 
-def _ended(card: Card, outcome: Outcome | None) -> Card:
-    """Return a card with the outcome of its job; None: it was stopped."""
-    if outcome is None:
-        return replace(card, state=STOPPED)
-    if outcome.error or outcome.found is None:
-        return replace(card, state=FAILED, error=outcome.error)
-    return replace(card, state=DONE, found=outcome.found, model=outcome.model, percent=100)
+def _held(held: dict[str, T], name: str, what: str) -> T:
+    if name not in held:
+        raise InvalidArgumentError(f"there is no {what} {shown(name)} in this session: reload the page")
+    return held[name]
 
 
-def parsed(written: str, source: str) -> tuple[list[dict[str, Any]], list[Card], dict[str, Any]]:
+Named = tuple[Path, Setup, Wish, str]
+
+
+def parsed(written: str, source: str) -> tuple[list[Named], list[Card], dict[str, Any]]:
     """Return logs, cards and the rest of a session's file; raises `ReplantError` where it is none."""
     try:
         kept = json.loads(written)
         if kept["replant_session"] != FORM:
             raise ReplantError(f"{source}: a session of another version of replant ({kept['replant_session']!r})")
-        logs, cards = list(kept["logs"]), [card_of(each) for each in kept["cards"]]
-        for log in logs:
-            Setup().changed(log["setup"]), Wish().changed(log["wish"]), Path(log["path"])
-            if not isinstance(log["name"], str):
-                raise TypeError("name")
+        logs = [
+            (Path(log["path"]), Setup().changed(log["setup"]), Wish().changed(log["wish"]), text("name", log["name"]))
+            for log in kept["logs"]
+        ]
+        cards = [card_of(each) for each in kept["cards"]]
         rest = {"number": int(kept["number"]), "active": str(kept["active"]), "order": kept["order"]}
         rest["shown"] = [str(name) for name in kept["shown"]]
-    except ReplantError:
-        raise
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         detail = reason_of(error)[:80]
         raise ReplantError(f"{source}: no session of replant, or a damaged one ({detail})") from None
     return logs, cards, rest
 
 
-def read(path: Path) -> str:
-    """Return the file of a session."""
+def read(path: Path, source: str) -> str:
+    """Return the file of a session, which errors call ``source``."""
     try:
         if path.stat().st_size > LARGEST:
-            raise ReplantError(f"{path}: too large for a session")
+            raise ReplantError(f"{source}: too large for a session")
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
-        raise ReplantError(f"{path}: no session of replant") from None
+        raise ReplantError(f"{source}: no session of replant") from None
     except OSError as error:
-        raise ReplantError(f"{path}: cannot be read ({reason_of(error)}); check the path") from None
+        raise ReplantError(f"{source}: cannot be read ({reason_of(error)}); check the path") from None

@@ -10,17 +10,15 @@ import json
 import math
 import os
 import re
-import signal
 import subprocess
 import sys
 import tempfile
 import threading
-import traceback
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from functools import lru_cache
-from multiprocessing import get_context
+from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
@@ -31,17 +29,19 @@ from replant.fitting.log_inspection import Inspection, inspect, key_of
 from replant.fitting.model import Model
 from replant.fitting.model_json import finite
 from replant.fitting.validation import Validation
+from replant.fleet.executors import processes
 from replant.logs import open_recording
 from replant.logs.columns import Kind
 from replant.logs.conditioning import STEPS
 from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray
-from replant.numerics.operating_system import one_line, reason_of, signals_blocked
+from replant.numerics.operating_system import one_line, reason_of
 from replant.numerics.residuals import BAND_95
 from replant.plotting.numbers import rounded
 from replant.report.log_as_text import as_json, findings_of
 from replant.workbench.choices import Setup, Stretch
 from replant.workbench.drawn_samples import doubts, joined_extremes
+from replant.workbench.model_cards import DONE, FAILED, RUNNING, STOPPED
 
 KEPT_LOGS = 2  # logs whose samples are kept for the next request [count]
 KEPT_VALIDATIONS = 32  # validations that are kept [count]
@@ -220,57 +220,32 @@ class Work:
     """One worker process, started at the first request, and anew where it has died."""
 
     def __init__(self) -> None:
-        self._process: Any = None
+        self._pool: ProcessPoolExecutor | None = None
+        self._process = 0
         self._turn, self._closed = threading.Lock(), False
 
     def do(self, function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
         """Return what a function of `replant.workbench.tasks` gives; waits for it."""
         with self._turn:
             try:
-                self._start()
-                self._wire.send((function, arguments))
-                answer: dict[str, Any] | Exception = self._wire.recv()
-            except (EOFError, OSError):
-                self._process = None
+                if self._pool is None and not self._closed:
+                    self._pool = processes(1)
+                    self._process = self._pool.submit(os.getpid).result()
+                if self._pool is None or self._closed:
+                    raise BrokenExecutor
+                return self._pool.submit(function, *arguments).result()
+            except BrokenExecutor:
+                self._pool = None
                 raise ReplantError(
                     "the process that computes this has died: the memory may be too small; try again"
                 ) from None
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
 
     def close(self) -> None:
         """End the process, whatever it is computing."""
-        self._closed, process = True, self._process
-        if process is not None:
-            process.kill()
-
-    def _start(self) -> None:
-        if self._closed:
-            raise EOFError
-        if self._process is None:
-            spawn = get_context("spawn")
-            self._wire, far = spawn.Pipe()
-            self._process = spawn.Process(target=_answer, args=(far,), daemon=True)
-            with signals_blocked(signal.SIGINT):
-                self._process.start()
-            far.close()  # so that the end of the process is the end of what comes from it
-
-
-def _answer(wire: Any) -> None:
-    """Answer requests until the workbench has gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server
-    while True:
-        try:
-            function, arguments = wire.recv()
-        except (EOFError, OSError):
-            return
-        try:
-            answer = function(*arguments)
-        except Exception as error:
-            error.add_note(traceback.format_exc())
-            answer = error
-        wire.send(answer)
+        self._closed = True
+        for process in active_children():
+            if process.pid == self._process:
+                process.kill()
 
 
 AT_ONCE = max(1, min(4, (os.cpu_count() or 1) - 1))  # commands that run at a time: a core is left to the page [count]
@@ -279,22 +254,11 @@ _PROGRESS = re.compile(r"replant: (.+?) (\d+) %")
 _SAID = "replant: "
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What a command has left: its JSON object and the file of the model, or why there is none."""
-
-    found: dict[str, Any] | None = None
-    model: str = ""
-    error: str = ""
-
-
 class Jobs:
-    """Runs commands; each tells its progress, a stage and a part in percent, and its outcome, from other threads."""
+    """Runs the commands of cards; ``tell`` gets a card's name and what changes of it, from other threads."""
 
-    def __init__(
-        self, progress: Callable[[str, str, int], None], finished: Callable[[str, Outcome | None], None]
-    ) -> None:
-        self._progress, self._finished = progress, finished
+    def __init__(self, tell: Callable[[str, dict[str, Any]], None]) -> None:
+        self._tell = tell
         self._pool, self._lock, self._closed = ThreadPoolExecutor(AT_ONCE), threading.Lock(), False
         self._futures: dict[str, Future[None]] = {}
         self._running: dict[str, subprocess.Popen[str]] = {}
@@ -315,7 +279,7 @@ class Jobs:
         if process is not None:
             end(process)
         elif future is not None and future.cancel():
-            self._finished(name, None)
+            self._tell(name, {"state": STOPPED})
 
     def close(self) -> None:
         """Stop all of them."""
@@ -327,16 +291,17 @@ class Jobs:
 
     def _run(self, name: str, words: tuple[str, ...]) -> None:
         try:
-            outcome = self._outcome(name, words)
+            changes = self._made(name, words)
         except Exception as error:
-            outcome = Outcome(error=one_line(error))
+            changes = {"state": FAILED, "error": one_line(error)}
         with self._lock:
             self._running.pop(name, None)
             stopped = self._closed or name in self._stopped
-        self._finished(name, None if stopped else outcome)
+        self._tell(name, {"state": STOPPED} if stopped else changes)
 
-    def _outcome(self, name: str, words: tuple[str, ...]) -> Outcome:
-        self._progress(name, "starting", 0)
+    def _made(self, name: str, words: tuple[str, ...]) -> dict[str, Any]:
+        """Run a command; return the JSON object that it prints and the file of its model, or why there is none."""
+        self._show(name, "starting", 0)
         with tempfile.TemporaryDirectory(prefix="replant-job-") as folder:
             saved, printed = Path(folder, "model.json"), Path(folder, "printed.json")
             with printed.open("wb") as output:
@@ -352,9 +317,13 @@ class Jobs:
                 end(process)
             last = self._listen(name, process)
             if process.wait() or not saved.is_file():
-                return Outcome(error=last.removeprefix(_SAID) or f"the command ended with code {process.returncode}")
-            found = json.loads(printed.read_text(encoding="utf-8"))
-            return Outcome(found, saved.read_text(encoding="utf-8"))
+                error = last.removeprefix(_SAID) or f"the command ended with code {process.returncode}"
+                return {"state": FAILED, "error": error}
+            found, model = json.loads(printed.read_text(encoding="utf-8")), saved.read_text(encoding="utf-8")
+            return {"state": DONE, "found": found, "model": model, "percent": 100}
+
+    def _show(self, name: str, stage: str, percent: int) -> None:
+        self._tell(name, {"state": RUNNING, "stage": stage, "percent": percent})
 
     def _listen(self, name: str, process: subprocess.Popen[str]) -> str:
         """Pass the progress on until the command ends; return the last line that is none."""
@@ -364,7 +333,7 @@ class Jobs:
             for line in process.stderr:
                 found = _PROGRESS.fullmatch(line.strip())
                 if found:
-                    self._progress(name, found[1], int(found[2]))
+                    self._show(name, found[1], int(found[2]))
                 elif line.strip():
                     last = line.strip()
         return last
