@@ -157,7 +157,7 @@ def test_mistakes_are_answered_in_one_line() -> None:
 def test_a_log_that_cannot_be_read_is_said_on_its_page(tmp_path: Path) -> None:
     path = tmp_path / "broken.csv"
     path.write_text("t,u,y\n0,1\n1,2,3,4\nx\n")
-    session = Session(None, lambda view: None)
+    session = Session(tmp_path / "broken.workbench", lambda view: None)
     try:
         log = session.open(path)
         wait_until(lambda: log.state == "broken", "it is said to be broken")

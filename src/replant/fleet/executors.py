@@ -205,12 +205,9 @@ def _one_thread_each() -> Iterator[None]:
 
 def _end_with_parent() -> None:
     """End this process when the one that started it ends, even by a signal: else it would wait for ever."""
-    # Ctrl-C in a terminal reaches both processes; the one that started this one ends it
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches both; the one that started this ends it
     parent = parent_process()
-    if parent is None:
-        return
+    assert parent is not None
 
     def wait() -> None:
         parent.join()

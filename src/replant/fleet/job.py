@@ -152,13 +152,6 @@ class Job:
         """That of the models."""
         return Shape.of(self.structure, self.input)
 
-    @property
-    def orders(self) -> dict[str, tuple[Any, ...]]:
-        """Poles, zeros and dead time of each of several inputs."""
-        return {
-            name: tuple(getattr(one, name) for one in self.shape.structures) for name in ("poles", "zeros", "delay")
-        }
-
     def request(self, dt: float) -> Request:
         """Return the settings of an identifier of one input for records with a sampling time ``dt`` in s."""
         assert isinstance(self.structure, Structure)
@@ -236,7 +229,7 @@ def digest(*told: object) -> str:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give the name under which a file is written, see `numerics.operating_system.whole_file.replacing`."""
+    """Give the name under which a file is written, see `numerics.operating_system.replacing`."""
     try:
         with operating_system.replacing(path) as new:
             yield new

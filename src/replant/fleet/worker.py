@@ -84,8 +84,9 @@ def result_of(recording: Recording, job: Job, *, with_history: bool = False) -> 
     log = recording.held
     if job.several:
         assert log is not None
-        given = Samples.of(log, None, None, None, None)
-        return run_row(given, job.orders) if job.method == "run" else fit_row(given, **job.orders)
+        given, structures = Samples.of(log, None, None, None, None), job.shape.structures
+        orders = {name: tuple(getattr(one, name) for one in structures) for name in ("poles", "zeros", "delay")}
+        return run_row(given, orders) if job.method == "run" else fit_row(given, **orders)
     if job.method == "run":
         newest = None if log is not None else FITTED
         request = job.request(recording.dt)

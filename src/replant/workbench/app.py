@@ -67,9 +67,7 @@ def conditioned(session: Session, asked: Asked) -> dict[str, Any]:
     """Return input and output as they are identified."""
     log = session.log(asked.get("log", ""))
     log.setup.check()
-    between = _between(asked) or (0.0, math.inf)
-    chosen = (str(log.path), log.setup, log.modified)
-    return session.work.do(tasks.conditioned, *chosen, between, _points(asked))
+    return session.work.do(tasks.conditioned, str(log.path), log.setup, log.modified, _between(asked), _points(asked))
 
 
 def compared(session: Session, asked: Asked) -> dict[str, Any]:

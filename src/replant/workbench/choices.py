@@ -158,7 +158,8 @@ def _wished(name: str, given: Any) -> str:
     if not re.fullmatch(f"{number}(?::{number}){{0,2}}", value):
         example = "0.02, or 0:0.1:0.02" if name == "delay" else "2, or 1:4"
         raise InvalidArgumentError(f"{name} {shown(value)}: write {example}")
-    return value if numbers(value) else ""
+    grid(value)  # raises where it is no range
+    return value
 
 
 def _checked(name: str, given: Any) -> Any:

@@ -14,7 +14,7 @@ from replant.report.findings import words_of as verdict_words
 from replant.workbench.choices import RUN, SEARCH, Setup, Wish, command_line, program, text, words_of
 
 _NUMBER = r"([-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?)"
-_LAST = re.compile(rf"over the last {_NUMBER} s|of the last {_NUMBER} s|for the last {_NUMBER} s")
+_LAST = re.compile(rf"(?:over|of|for) the last {_NUMBER} s")
 _AGO = re.compile(rf"{_NUMBER} s (?:ago|before the end)")
 _POLE = re.compile(rf"(?:a pole at|near) {_NUMBER}(?: \+- {_NUMBER}j)? rad/s")
 _INPUT = re.compile(r"the (?:input|reference) could explain|dead time of|the input seems to act|actuator seems")
@@ -49,7 +49,7 @@ def place_of(reason: str) -> Place:
 
 def _first(pattern: re.Pattern[str], reason: str) -> float | None:
     found = pattern.search(reason)
-    return None if found is None else _value(next(group for group in found.groups() if group))
+    return None if found is None else _value(found[1])
 
 
 def _value(text: str) -> float:
@@ -140,7 +140,7 @@ def _known(parameters: dict[str, dict[str, float | None]]) -> float | None:
     parts = [
         each["std"] / abs(each["value"]) for each in parameters.values() if each["std"] is not None and each["value"]
     ]
-    return max(parts) if parts else None
+    return max(parts, default=None)
 
 
 def _sort_key(card: Card, order: str) -> Any:

@@ -74,7 +74,7 @@ LARGEST = 256 << 20  # file of a session [bytes]
 class Session:
     """Everything a page shows; its state lives here and in the file, none in a browser."""
 
-    def __init__(self, kept_in: Path | None, publish: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, kept_in: Path, publish: Callable[[dict[str, Any]], None]) -> None:
         self.kept_in, self._publish = kept_in, publish
         self.work, self.jobs = Work(), Jobs(self._told)
         self.logs: dict[str, Opened] = {}
@@ -94,7 +94,7 @@ class Session:
                 return self._revision
             self._revision += 1
             self._publish(self.view())
-            if self._timer is None and self.kept_in is not None:
+            if self._timer is None:
                 self._timer = threading.Timer(SAVING, self.keep)
                 self._timer.daemon = True
                 self._timer.start()
@@ -270,8 +270,6 @@ class Session:
 
     def keep(self) -> None:
         """Write the session into its file."""
-        if self.kept_in is None:
-            return
         with self.lock:
             self._timer = None
         with contextlib.suppress(OSError), replacing(self.kept_in) as new:  # a full disk must not stop the work

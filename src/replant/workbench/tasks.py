@@ -94,8 +94,10 @@ def _log(path: str, setup: Setup, part: Stretch | None, _: float) -> Log:
     return replace(log, input_hold="foh" if setup.decimate else "zoh")
 
 
-def conditioned(path: str, setup: Setup, changed: float, between: tuple[float, float], points: int) -> dict[str, Any]:
-    """Return input and output as they are identified, between two times in s."""
+def conditioned(
+    path: str, setup: Setup, changed: float, between: tuple[float, float] | None, points: int
+) -> dict[str, Any]:
+    """Return input and output as they are identified, between two times in s, or all of them."""
     plain = replace(setup, use=(), leave_out=(), validate_on=())
     log = _log(path, plain, None, changed)
     t = _clock(log)
@@ -123,7 +125,7 @@ def compared(
     log = _log(path, plain, part, changed)
     begin = 0.0 if part is None else part.begin
     t = _clock(log) + begin
-    rows = slice(0, t.size) if between is None else _rows(t, between)
+    rows = _rows(t, between)
     found: dict[str, Any] = {
         "all": [float(t[0]), float(t[-1])],
         "measured": thinned(t, log.output, rows, points),
@@ -203,7 +205,9 @@ def _clock(log: Log) -> FloatArray:
     return np.asarray(log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0], np.float64)
 
 
-def _rows(t: FloatArray, between: tuple[float, float]) -> slice:
+def _rows(t: FloatArray, between: tuple[float, float] | None) -> slice:
+    if between is None:
+        return slice(0, t.size)
     first, last = np.searchsorted(t, between).tolist()
     return slice(max(0, first - 1), min(t.size, last + 1))
 
