@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.errors import ReplantError
+from replant.errors import ReplantError, SystemRefusedError
 from replant.fitting.log_inspection import Inspection, inspect, key_of
 from replant.fitting.model import Model
 from replant.fitting.model_json import finite
@@ -232,17 +232,23 @@ class Work:
         """Return what a function of `replant.workbench.tasks` gives; waits for it."""
         with self._turn:
             try:
-                if self._pool is None and not self._closed:
-                    self._pool = processes(1)
-                    self._process = self._pool.submit(os.getpid).result()
-                if self._pool is None or self._closed:
-                    raise BrokenExecutor
-                return self._pool.submit(function, *arguments).result()
+                return self._started().submit(function, *arguments).result()
             except BrokenExecutor:
                 self._pool = None
                 raise ReplantError(
                     "the process that computes this has died: the memory may be too small; try again"
                 ) from None
+
+    def _started(self) -> ProcessPoolExecutor:
+        if self._pool is None and not self._closed:
+            try:
+                self._pool = processes(1)
+            except SystemRefusedError as error:  # its remedy, fewer processes, is none here
+                raise BrokenExecutor from error
+            self._process = self._pool.submit(os.getpid).result()
+        if self._pool is None or self._closed:
+            raise BrokenExecutor
+        return self._pool
 
     def close(self) -> None:
         """End the process, whatever it is computing."""
