@@ -29,7 +29,6 @@ from replant.fitting.log_inspection import Inspection, inspect, key_of
 from replant.fitting.model import Model
 from replant.fitting.model_json import finite
 from replant.fitting.validation import Validation
-from replant.fleet.executors import processes
 from replant.logs import open_recording
 from replant.logs.columns import Kind
 from replant.logs.conditioning import STEPS
@@ -241,6 +240,8 @@ class Work:
 
     def _started(self) -> ProcessPoolExecutor:
         if self._pool is None and not self._closed:
+            from replant.fleet.executors import processes  # slow to import
+
             try:
                 self._pool = processes(1)
             except SystemRefusedError as error:  # its remedy, fewer processes, is none here
