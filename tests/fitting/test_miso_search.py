@@ -67,6 +67,13 @@ def test_a_range_for_each_input_and_logs() -> None:
     assert found.delays == (0.2, 0.45)
 
 
+def test_an_iterator_of_numbers_is_that_of_each_input_and_output() -> None:
+    u, y = record(2, 300)
+    ranges = rp.search(u, np.column_stack([y, y]), DT, poles=(1, 2), zeros=0, delays=(0.0, 0.2))
+    ended = rp.search(u, np.column_stack([y, y]), DT, poles=iter((1, 2)), zeros=iter([0]), delays=iter((0.0, 0.2)))
+    assert repr(ended) == repr(ranges)
+
+
 def test_a_grown_model_answers_as_the_smaller_one() -> None:
     less, more = rp.Structure(1), rp.Structure(2, zeros=1)
     theta = np.array([2.0, 3.0])

@@ -70,6 +70,15 @@ def test_a_log_and_a_table_have_them_as_arrays_do(wanted: Any, given: Any, more:
     assert not any("column" in reason for reason in found.verdict.reasons)  # a reference is no further column
 
 
+def test_a_sample_without_one_of_them_is_left_out_and_counted(wanted: Any) -> None:
+    r = R.copy()
+    r[[100, 200], [0, 1]] = np.nan
+    found = rp.fit(U, Y, DT, **ASKED, reference=r)
+    assert found.samples == wanted.samples - 2
+    assert found.missing.tolist() == [100, 200]
+    assert found.rejected["not finite"] == 2
+
+
 def test_search_and_run_take_them_too(wanted: Any) -> None:
     found = rp.search(LOG, poles=1, zeros=0)
     np.testing.assert_array_equal(

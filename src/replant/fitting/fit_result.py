@@ -154,7 +154,7 @@ class FitResult(Identified):
             slowness=self.slowness,
             input_zero=-self.input_level,
             left_out=self.stuck.size,
-            plant_change=self._plant_change if self.method == "srivc" else None,
+            plant_change=self._plant_change,
             loads=(self.rival or self)._loads_since,
             undecided=self.rival is not None,
         )
@@ -179,9 +179,9 @@ class FitResult(Identified):
     @property
     def _plant_change(self) -> PlantChange | None:
         """That the plant has changed within the samples that the verdict looks at; None where it has not."""
-        return plant_changed(
-            self.structure, self._kept, self.parameters, loads=bool(self.loads.size), most=MOST_SAMPLES
-        )
+        if self.method != "srivc":
+            return None
+        return plant_changed(self.structure, self._kept, self.parameters, loads=self.loads.size > 0, most=MOST_SAMPLES)
 
     @cached_property
     def model(self) -> Model:

@@ -165,14 +165,13 @@ def inspect(
     signals = [column for column in record if column.is_signal and (clock is None or column != clock.column)]
     signals = _without_clocks(signals, contents, set(given.values()))
     roles = find_roles(signals, contents.values, given)
-    seen = None
+    seen = first = None
     if roles.input and roles.output:
-        u, y = (prepared(contents.values[role.column.number]) for role in (roles.input, roles.output))
-        seen = response(u, y) if u.size == y.size else None
-    found = Inspection(table, contents, record, clock, roles, seen, time is not None)
-    if seen is None and roles.input and roles.output:
         u, y = (contents.values[role.column.number] for role in (roles.input, roles.output))
-        found = replace(found, first=first_model(u, y, _sampling_time(found)) if u.size == y.size else None)
+        heads = prepared(u), prepared(y)
+        seen = response(*heads) if heads[0].size == heads[1].size else None
+        first = first_model(u, y, _sampling_time(clock)) if seen is None and u.size == y.size else None
+    found = Inspection(table, contents, record, clock, roles, seen, time is not None, first=first)
     return replace(found, others=_others(found, signals))
 
 
@@ -213,14 +212,14 @@ def _others(found: Inspection, signals: list[Column]) -> tuple[OtherColumn, ...]
         return ()
     values, known = found.contents.values, {each.column.number for each in (u, y, r) if each is not None}
     others = {each.name: values[each.number] for each in signals if each.number not in known}
-    dt = _sampling_time(found)
+    dt = _sampling_time(found.clock)
     delay = math.floor(found.response.delay) * dt if found.response is not None else found.first.delay  # type: ignore[union-attr]
     return beside_first_model(values[u.column.number], values[y.column.number], dt, delay, others)
 
 
-def _sampling_time(found: Inspection) -> float:
+def _sampling_time(clock: Clock | None) -> float:
     """Return the sampling time in s, or 1 where time is counted in samples."""
-    return 1.0 if found.clock is None or math.isnan(found.clock.dt) else found.clock.dt
+    return 1.0 if clock is None or math.isnan(clock.dt) else clock.dt
 
 
 def _record(contents: Contents, clock: Clock | None, given: dict[str, int]) -> tuple[Column, ...]:

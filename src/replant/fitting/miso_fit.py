@@ -124,8 +124,8 @@ def is_row(given: Samples, *orders: Any) -> bool:
 
 def ready_row(
     given: Samples, poles: Any, zeros: Any, delay: Any
-) -> tuple[RowRecord, tuple[Structure, ...], FloatArray | None]:
-    """Return the record of a row, made ready, the structure of each input, checked, and the references (J, p)."""
+) -> tuple[RowRecord, tuple[Structure, ...], FloatArray | None, dict[str, int]]:
+    """Return the record of a row, each structure, the references (J, p), and how many samples are rejected for what."""
     columns = columns_of(given.inputs)
     output, dt = vector("y", given.y), duration("dt", given.dt)
     if output.size != len(columns):
@@ -136,6 +136,7 @@ def ready_row(
     check_numbers(given, columns, output, references)
     if references is not None:
         output = np.where(np.isfinite(references).all(axis=1), output, np.nan)
+    rejected = without_rest(screen(np.abs(columns).max(axis=1), output)[1], "not finite", given.rest)
     ready = RowRecord.of(columns, output, dt, stamps, given.input_hold, given.begins)
     record, longest = ready.record, max(each.delay for each in structures)
     size = sum(each.size + each.poles for each in structures) + 1
@@ -151,7 +152,7 @@ def ready_row(
             f"the record has {count} usable samples{behind}, fewer than the {size + 1} that {size} unknowns need: "
             "record more, or ask for fewer poles and zeros"
         )
-    return ready, structures, None if references is None else held(references[ready.used])
+    return ready, structures, None if references is None else held(references[ready.used]), rejected
 
 
 def check_numbers(given: Samples, columns: FloatArray, output: FloatArray, references: FloatArray | None) -> None:
@@ -173,8 +174,7 @@ def check_numbers(given: Samples, columns: FloatArray, output: FloatArray, refer
 @quiet
 def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> RowFit:
     """Return the fit of a row to samples of several inputs, see `replant.fitting.fit.fit`."""
-    ready, structures, references = ready_row(given, poles, zeros, delay)
-    columns, output, dt = columns_of(given.inputs), vector("y", given.y), duration("dt", given.dt)
+    ready, structures, references, rejected = ready_row(given, poles, zeros, delay)
     names = given.input_names or unnamed(len(structures))
     ready, solution, findings, loads, _ = solve_parted_row(structures, ready, references, names)
     if solution is None:
@@ -188,8 +188,8 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     ]
     verdict = judged(row, row.record, found.point, found.noise, found.covariance, found.findings, others)
     made = Provenance("srivc", given.source, given.sha256, row.count)
-    rejected = without_rest(screen(np.abs(columns).max(axis=1), output)[1], "not finite", given.rest)
-    fitted = row_fit(solution, ready, output, dt, verdict, made, rejected, given.output_name)
+    output = vector("y", given.y)
+    fitted = row_fit(solution, ready, output, ready.record.usual, verdict, made, rejected, given.output_name)
     return replace(fitted, loads=np.flatnonzero(ready.used)[list(loads)])
 
 

@@ -12,7 +12,7 @@ done so in all trials (`differs`), they are judged by what they leave without on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,25 +42,21 @@ Structures = tuple[Structure, ...]
 class Options:
     """What may be tried of one input, ascending."""
 
-    poles: tuple[int, ...]
-    zeros: tuple[int, ...] | None  # None: all below the number of poles
-    delays: tuple[float, ...]
+    sizes: list[tuple[int, int]]  # numbers of poles and zeros
+    delays: list[float]
 
-    def sizes(self) -> list[tuple[int, int]]:
-        """Return all numbers of poles and zeros."""
-        return [(n, m) for n in self.poles for m in (range(n) if self.zeros is None else self.zeros) if m < n]
-
-    def beside(self, size: tuple[int, int]) -> Iterator[tuple[int, int]]:
-        """Yield the sizes with a pole, a zero or both more or fewer."""
+    def beside(self, size: tuple[int, int]) -> list[tuple[int, int]]:
+        """Return the sizes with a pole, a zero or both more or fewer."""
         n, m = size
-        poles, sizes = list(self.poles), set(self.sizes())
+        poles = sorted({k for k, _ in self.sizes})
         place = poles.index(n)
-        more = poles[place + 1 : place + 2]
-        fewer = poles[max(place - 1, 0) : place]
-        for each in [*((k, m) for k in more), *((k, m + 1) for k in more), (n, m + 1), (n, m - 1)]:
-            if each in sizes:
-                yield each
-        yield from ((k, min(m, k - 1)) for k in fewer if (k, min(m, k - 1)) in sizes)
+        larger = [(k, zeros) for zeros in (m, m + 1) for k in poles[place + 1 : place + 2]]
+        smaller = [(k, min(m, k - 1)) for k in poles[max(place - 1, 0) : place]]
+        return [each for each in (*larger, (n, m + 1), (n, m - 1), *smaller) if each in self.sizes]
+
+    def nearest(self, delay: float) -> int:
+        """Return the place of the dead time nearest to another one."""
+        return int(np.argmin(np.abs(np.array(self.delays) - delay)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +86,11 @@ class _Search:
         self._is_told = False  # whether the noise model of a trial has taken nothing but noise
         self._evidence = Evidence(record, at_rest=False)
         # a trial behind by more than chance makes of all its parameters cannot win
-        self._reach = chi2_quantile(1.0 - ALPHA, sum(max(each.poles) * 2 + 1 for each in options))
+        self._reach = chi2_quantile(1.0 - ALPHA, sum(max(each.sizes)[0] * 2 + 1 for each in options))
 
     def found(self) -> Trial:
         """Return the trial that is chosen: its dead times may lie between the grid's."""
-        first = tuple(Structure(*each.sizes()[0], each.delays[0]) for each in self.options)
+        first = tuple(Structure(*each.sizes[0], each.delays[0]) for each in self.options)
         best = self._try(first)
         if best is None:
             raise InvalidArgumentError("no structure of the grid explains this record: do the inputs move the output?")
@@ -121,8 +117,7 @@ class _Search:
 
     def _along_delays(self, trial: Trial, i: int) -> Trial:
         """Return the best trial of the dead times of an input: along the grid, then between its points."""
-        delays, structure = self.options[i].delays, trial.structures[i]
-        begin = self._nearest(structure, i)
+        delays, begin = self.options[i].delays, self.options[i].nearest(trial.structures[i].delay)
         best = self._at(trial, i, delays[begin]) or trial
         for steps in (range(begin - 1, -1, -1), range(begin + 1, len(delays))):
             last = trial
@@ -135,7 +130,7 @@ class _Search:
 
     def _between(self, best: Trial, i: int) -> Trial:
         """Return the likeliest trial between the neighbours of a point of the grid."""
-        delays, k = self.options[i].delays, self._nearest(best.structures[i], i)
+        delays, k = self.options[i].delays, self.options[i].nearest(best.structures[i].delay)
         low, high = delays[max(k - 1, 0)], delays[min(k + 1, len(delays) - 1)]
         found = {delay: self._at(best, i, delay) for delay in {low, delays[k], high}}
         trials = {delay: trial for delay, trial in found.items() if trial is not None}
@@ -146,14 +141,10 @@ class _Search:
     def _on_grid(self, best: Trial) -> Trial:
         """Return the best trial with the grid's dead times, but for those that are paid for."""
         for i, each in enumerate(self.options):
-            nearest = each.delays[self._nearest(best.structures[i], i)]
-            stays = self._at(best, i, nearest) or best
+            stays = self._at(best, i, each.delays[each.nearest(best.structures[i].delay)]) or best
             paid = best.likelihood - stays.likelihood > 0.5 * math.log(self.record.u.size)
             best = best if paid else stays
         return best
-
-    def _nearest(self, structure: Structure, i: int) -> int:
-        return int(np.argmin(np.abs(np.array(self.options[i].delays) - structure.delay)))
 
     def _at(self, trial: Trial, i: int, delay: float) -> Trial | None:
         return self._try(_with(trial.structures, i, replace(trial.structures[i], delay=delay)), trial)
@@ -203,14 +194,18 @@ def _with(structures: Structures, i: int, other: Structure) -> Structures:
     return (*structures[:i], other, *structures[i + 1 :])
 
 
+def _orders(structures: Structures) -> list[tuple[Any, ...]]:
+    """Return the poles, zeros and dead times of structures."""
+    return [tuple(getattr(each, name) for each in structures) for name in ("poles", "zeros", "delay")]
+
+
 def search_rows(given: Samples, options: Sequence[Options], progress: Callable[[int, int], None]) -> SearchResult:
     """Return the structures with the most evidence that changes of one input at a time lead to."""
-    smallest = [Structure(*each.sizes()[0], max(each.delays)) for each in options]
-    orders: Any = [tuple(getattr(each, name) for each in smallest) for name in ("poles", "zeros", "delay")]
-    ready, _, references = ready_row(given, *orders)
+    smallest = tuple(Structure(*each.sizes[0], max(each.delays)) for each in options)
+    ready, _, references, _ = ready_row(given, *_orders(smallest))
     ready, _ = with_outside(ready, references, ["u"] * len(options))
     inputs = ready.inputs if ready.outside is None else ready.outside.inputs
-    count = sum(len(each.sizes()) + len(each.delays) for each in options)
+    count = sum(len(each.sizes) + len(each.delays) for each in options)
 
     def say(done: int) -> None:
         progress(min(done, count - 1), count)
@@ -219,8 +214,7 @@ def search_rows(given: Samples, options: Sequence[Options], progress: Callable[[
     for _ in range(2):
         sweep = _Search(record, inputs, options, say)
         chosen = sweep.found()
-        orders = [tuple(getattr(each, name) for each in chosen.structures) for name in ("poles", "zeros", "delay")]
-        best = fit_row(given, *orders)
+        best = fit_row(given, *_orders(chosen.structures))
         bad = np.zeros(ready.used.size, bool)
         bad[best.outliers] = bad[best.stuck] = True
         measured = ready.record.is_measured & ~bad[ready.used]

@@ -133,22 +133,53 @@ class RowSolution(NamedTuple):
     doubt: IntArray
 
 
-#: Where to begin with a row: what gives the points to begin at with a noise model.
-Begins = Callable[[Row], Callable[[Autoregression], list[Point]]]
+#: What gives the points to begin at with a noise model.
+Begin = Callable[[Autoregression], list[Point]]
 
 
-def started(row: Row) -> Callable[[Autoregression], list[Point]]:
+def started(row: Row) -> Begin:
     """Return what begins with a row afresh."""
     return partial(start, row.structures, row.record, row.from_outside.inputs)
 
 
-def begun_at(theta: FloatArray, row: Row) -> Callable[[Autoregression], list[Point]]:
+def begun_at(theta: FloatArray, row: Row) -> Begin:
     """Return what begins with a row at a model."""
     return lambda noise: [evaluate(row.from_outside, theta, noise)]
 
 
+class Begins(NamedTuple):
+    """Where a solution begins: at models (P,) that were found with a noise model, or at none."""
+
+    noise: Autoregression | None = None
+    models: tuple[FloatArray, ...] = ()
+
+    def there(self, row: Row) -> Begin:
+        """Return what begins at the models."""
+        noise = self.noise
+        points = [] if noise is None else [evaluate(row.from_outside, each, noise) for each in self.models]
+        return lambda _: points
+
+    def afresh(self, row: Row, *, also_white: bool = False, newest: int | None = None) -> Begin:
+        """Return what begins at a start, too: without a noise model only where none is known, or that is asked for."""
+        others, outside = self.there(row), row.from_outside
+        is_coloured = self.noise is not None and self.noise.order > 0 and not also_white
+        # where but the colour of the noise is in doubt, a start of the newest samples tells of other models
+        begin = started(row if newest is None else row.last(min(newest, row.record.u.size)))
+
+        def begins(noise: Autoregression) -> list[Point]:
+            points = begin(noise) if noise.order or not is_coloured else []
+            if newest is not None:
+                points = [evaluate(outside, each.theta, noise) for each in points]
+            return [*points, *others(noise)]
+
+        return begins
+
+
 def solve_record(
-    structures: tuple[Structure, ...], ready: RowRecord, names: tuple[str, ...], begins_of: Begins = started
+    structures: tuple[Structure, ...],
+    ready: RowRecord,
+    names: tuple[str, ...],
+    begins_of: Callable[[Row], Begin] = started,
 ) -> RowSolution | None:
     """Return the estimate of a record, its bad outputs, as in `solve.solve`, found in turn; None without a start."""
     record, white = ready.record, Autoregression.white(1.0, ready.record.count)
@@ -168,7 +199,7 @@ def solve_record(
 
 def solve_with(
     structures: tuple[Structure, ...], ready: RowRecord, references: FloatArray | None, names: tuple[str, ...],
-    begins_of: Begins = started,
+    begins_of: Callable[[Row], Begin] = started,
 ) -> tuple[RowRecord, RowSolution | None, tuple[Finding, ...]]:  # fmt: skip
     """Return a record with what references (J, p) explain of it, its estimate, and what there is to say about them."""
     ready, findings = with_outside(ready, references, names)
@@ -190,7 +221,7 @@ def doubts_of(row: Row, ready: RowRecord, point: Point, noise: Autoregression) -
     return solve.doubted(ready.record, modelled, noise.coefficients, ready.inputs)
 
 
-def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> RowEstimate:
+def solve_row(row: Row, begins: list[Point], again: Begin) -> RowEstimate:
     """Return the estimate that begins lead to; ``again`` gives those to begin at with a noise model."""
     if row.outside is not None:
         return _by_instruments(row, likeliest(row.from_outside, begins, again).ends)
@@ -216,7 +247,10 @@ def _by_instruments(row: Row, begins: tuple[FloatArray, ...]) -> RowEstimate:
         findings.append(Finding("converging", NOT_SOLVED))
     rivals = _as_likely(row, point, [other for other, _ in roots if _is_root(row, other)])
     others = tuple(rival.theta for rival in rivals)
-    return RowEstimate(point, noise, _sandwich(row, point), tuple(findings), others)
+    # M^-1 Q M^-T, M = sum zeta phi': a noise model does not take all colour of what acts within the loop
+    inverse = inverse_of(np.asarray(sum(products(zeta, phi) for zeta, phi in zip(point.zeta, point.phi, strict=True))))
+    covariance = _coloured(row, point, colour_of(row, point.error), inverse, inverse.T, point.zeta)
+    return RowEstimate(point, noise, covariance, tuple(findings), others)
 
 
 def _is_root(row: Row, point: Point) -> bool:
@@ -236,17 +270,7 @@ def _root_from(row: Row, theta: FloatArray) -> tuple[Point, Autoregression]:
     return point, noise
 
 
-def _sandwich(row: Row, point: Point) -> FloatArray:
-    """Return M^-1 Q M^-T, M = sum zeta phi': a noise model does not take all colour of what acts within the loop."""
-    colour = colour_of(row, point.error)
-    inverse = inverse_of(np.asarray(sum(products(zeta, phi) for zeta, phi in zip(point.zeta, point.phi, strict=True))))
-    backwards = [colour.colour(zeta[::-1]) for zeta in point.zeta]
-    squares = np.asarray(sum(products(each, each) for each in backwards))
-    size = point.theta.size + row.nuisances * len(row.stretches)
-    return np.asarray(colour.power / max(colour.count - size, 1.0) * inverse @ squares @ inverse.T)
-
-
-def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> _Estimates:
+def likeliest(row: Row, begins: list[Point], again: Begin) -> _Estimates:
     """Return the estimate without a noise model and the likeliest with one."""
     white = Autoregression.white(1.0, row.count)
     ends = ends_of(row, (path(row, begin.theta, white, begin) for begin in begins))
@@ -291,15 +315,24 @@ class _Estimates(NamedTuple):
 
 def covariance_of(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:
     """Return the covariance (P, P) of a point: s^2 M^-1, or M^-1 Q M^-1 where its error has a colour."""
-    size = point.theta.size + row.nuisances * len(row.stretches)
     inverse = compose(*factor_information(point.information))
     if colour is None:
-        return np.asarray(inverse * point.cost / max(row.count - size, 1))
-    # Q: the squares of the slopes filtered by 1/D backwards in time, times the variance of D e
-    backwards = [colour.colour(phi[::-1]) for phi in point.phi]
+        return np.asarray(inverse * point.cost / max(row.count - _unknowns(row, point), 1))
+    return _coloured(row, point, colour, inverse, inverse, point.phi)
+
+
+def _coloured(
+    row: Row, point: Point, colour: Autoregression, left: FloatArray, right: FloatArray, columns: Sequence[FloatArray]
+) -> FloatArray:
+    """Return left Q right: Q is the squares of columns filtered by 1/D backwards in time, times the variance of D e."""
+    backwards = [colour.colour(each[::-1]) for each in columns]
     squares = np.asarray(sum(products(each, each) for each in backwards))
-    variance = colour.power / max(colour.count - size, 1.0)
-    return np.asarray(variance * inverse @ squares @ inverse)
+    variance = colour.power / max(colour.count - _unknowns(row, point), 1.0)
+    return np.asarray(variance * left @ squares @ right)
+
+
+def _unknowns(row: Row, point: Point) -> int:
+    return int(point.theta.size + row.nuisances * len(row.stretches))
 
 
 def differs(row: Row, free: Point, point: Point) -> bool:

@@ -81,19 +81,15 @@ def check_target(path: AnyPath) -> None:
     path = file_path("path", path)
     try:
         file = Path(path).resolve()
-        if not file.parent.is_dir():
-            raise ModelFileError(f"{path}: there is no folder {file.parent}")
-        if not file.exists():
-            return
-        begin = b""
+        has_folder, exists, begin = file.parent.is_dir(), file.exists(), b""
         if file.is_file():
             with file.open("rb") as stream:
                 begin = stream.read(LARGEST)
     except (OSError, ValueError, RuntimeError) as error:
-        if isinstance(error, ModelFileError):
-            raise
         raise ModelFileError(f"{path}: the model could not be written ({reason_of(error)})") from error
-    if not _looks_like_model(begin):
+    if not has_folder:
+        raise ModelFileError(f"{path}: there is no folder {file.parent}")
+    if exists and not _looks_like_model(begin):
         raise ModelFileError(f"{path}: it exists and is no model; give another name")
 
 

@@ -70,30 +70,30 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
         inputs = [{"name": name, "level": level} for name, level in levels]
     structures, plants = _plants(model)
     std = [value for each in known for value in each.std.tolist()] if known else [math.nan] * model.parameters.size
-    of_inputs = {
-        "num": [g.num.tolist() for g in plants],
-        "den": [g.den.tolist() for g in plants],
-        "delay": [g.delay for g in plants],
-        "structure": [{name: getattr(each, name) for name in STRUCTURE} for each in structures],
-        "poles": [[pole_object(pole) for pole in g.poles.tolist()] for g in plants],
-        "zeros": [[{"real": finite(z.real), "imag": finite(z.imag)} for z in g.zeros.tolist()] for g in plants],
-        "dc_gain": [finite(g.dc_gain) for g in plants],
-        "input": inputs,
-    }
-    of_input: dict[str, Any] = {key: each[0] if layout == VERSION else each for key, each in of_inputs.items()}
     noise = model.noise
+
+    def of_inputs(each: list[Any]) -> Any:
+        return each[0] if layout == VERSION else each
+
     return {
         "schema_version": layout,
-        **{key: of_input[key] for key in ("num", "den", "delay", "structure")},
+        "num": of_inputs([g.num.tolist() for g in plants]),
+        "den": of_inputs([g.den.tolist() for g in plants]),
+        "delay": of_inputs([g.delay for g in plants]),
+        "structure": of_inputs([{name: getattr(each, name) for name in STRUCTURE} for each in structures]),
         "parameters": {
             name: {"value": value, "std": finite(each)}
             for name, value, each in zip(model.names, model.parameters.tolist(), std, strict=True)
         },
         "covariance": None if model.covariance is None else model.covariance.tolist(),
-        **{key: of_input[key] for key in ("poles", "zeros", "dc_gain")},
+        "poles": of_inputs([[pole_object(pole) for pole in g.poles.tolist()] for g in plants]),
+        "zeros": of_inputs(
+            [[{"real": finite(z.real), "imag": finite(z.imag)} for z in g.zeros.tolist()] for g in plants]
+        ),
+        "dc_gain": of_inputs([finite(g.dc_gain) for g in plants]),
         "dt": model.dt,
         "input_hold": model.input_hold,
-        "input": of_input["input"],
+        "input": of_inputs(inputs),
         "output": {"name": model.output_name, "level": model.output_level},
         "noise": None if noise is None else vars(noise) | {"coefficients": noise.coefficients.tolist()},
         "fit": {"one_step": finite(model.one_step_fit), "simulated": finite(model.simulated_fit)},

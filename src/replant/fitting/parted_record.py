@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -34,6 +33,9 @@ from replant.verdict.verdict import Finding
 
 # what a model leaves of a step of the sensor amid a record lasts for a fifth to two fifths of it
 FEW = 10  # times that noise can change within a record, up to which it may be a load [count]
+
+#: What solves a record with loads that act since these samples.
+WithLoads = Callable[[tuple[int, ...]], Solution | None]
 
 
 class PartedRow(NamedTuple):
@@ -81,10 +83,7 @@ def _model_of_row(found: PartedRow) -> Modelled | None:
 
 
 def solve_parted(
-    structure: Structure,
-    whole: Solution,
-    with_loads: Callable[[tuple[int, ...]], Solution | None],
-    others: Iterable[FloatArray] = (),
+    structure: Structure, whole: Solution, with_loads: WithLoads, others: Iterable[FloatArray] = ()
 ) -> Parted[Solution | None]:
     """Return a record of one input parted at its loads; ``whole`` is its solution without them."""
     others = list(others)
@@ -99,10 +98,7 @@ def solve_parted(
 
 
 def _parted_at_gaps(
-    structure: Structure,
-    whole: Solution,
-    with_loads: Callable[[tuple[int, ...]], Solution | None],
-    others: Iterable[FloatArray],
+    structure: Structure, whole: Solution, with_loads: WithLoads, others: Iterable[FloatArray]
 ) -> Parted[Solution] | None:
     """Return a record parted at the gaps over which its level has changed; None where that is no likelier."""
     record, size = whole.record, structure.coefficients
@@ -110,7 +106,8 @@ def _parted_at_gaps(
     if not gaps or structure.bias:  # the offset is a parameter then
         return None
     row, loads = Row.of_one(structure, record), tuple[int, ...]()
-    for theta in itertools.chain([whole.found.theta], others, _of_parts(structure, whole, gaps, with_loads)):
+    since_each = (with_loads(begins) for begins in (gaps,))  # another load since each gap
+    for theta in _models(structure, whole, others, since_each):
         # steps of a row, whose parts have offsets of their own, lead a model away from what a level has made of it
         loads = loads_at_gaps(structure, record, *settled(row, *Judge.of(row, theta[:size])))
         if loads:
@@ -132,51 +129,30 @@ def _parted_at_gaps(
     return Parted(found, loads, loads, is_sure(*model, more, least))
 
 
-def _of_parts(
-    structure: Structure,
-    whole: Solution,
-    gaps: tuple[int, ...],
-    with_loads: Callable[[tuple[int, ...]], Solution | None],
-) -> Iterator[FloatArray]:
-    """Yield the model (T,) beside another load since each gap of a record too short for the model of all of it."""
-    if _is_long(structure, whole):
-        return
-    found = with_loads(gaps)
-    if found is not None:
-        yield found.found.theta
-
-
 def _parted_within(
-    structure: Structure,
-    whole: Solution,
-    with_loads: Callable[[tuple[int, ...]], Solution | None],
-    others: Iterable[FloatArray],
+    structure: Structure, whole: Solution, with_loads: WithLoads, others: Iterable[FloatArray]
 ) -> Parted[Solution | None]:
     """Return a record parted at the loads that begin within its stretches."""
-    row = Row.of_one(structure, whole.record)
+    row, samples = Row.of_one(structure, whole.record), whole.record.u.size
+    halves = slice(0, samples // 2), slice(samples // 2, samples)
+    of_halves = (solve(structure, whole.record.part(rows)) for rows in halves)
     # a slow pole may have followed a load and left nothing of it: then other models (T,), or of the halves, tell of it
-    for theta in itertools.chain([whole.found.theta], others, _of_halves(structure, whole)):
+    for theta in _models(structure, whole, others, of_halves):
         judge = Judge.of(row, theta[: structure.coefficients])
         if may_have_loads(row, judge.theta):
             return parted(whole, partial(_model_of, structure), with_loads, judge)
     return Parted[Solution | None](whole)
 
 
-def _of_halves(structure: Structure, whole: Solution) -> Iterator[FloatArray]:
-    """Yield the models (T,) of both halves of a record that is too short for a pole of its model, or of its noise."""
-    if _is_long(structure, whole):
-        return
-    samples = whole.record.u.size
-    for rows in (slice(0, samples // 2), slice(samples // 2, samples)):
-        found = solve(structure, whole.record.part(rows))
-        if found is not None:
-            yield found.found.theta
-
-
-def _is_long(structure: Structure, whole: Solution) -> bool:
-    """Return whether a record is long beside the poles of its model, and of its noise."""
+def _models(
+    structure: Structure, whole: Solution, others: Iterable[FloatArray], of_parts: Iterable[Solution | None]
+) -> Iterator[FloatArray]:
+    """Yield the model (T,) of a record, others, and of parts, where it is too short for a pole of model or noise."""
+    yield whole.found.theta
+    yield from others
     g, noise = structure.transfer_function(whole.found.theta[: structure.size]), whole.found.noise_model.coefficients
-    return has_rest(g, whole.record.span) and whole.record.count > FEW * duration_of(noise)
+    if not (has_rest(g, whole.record.span) and whole.record.count > FEW * duration_of(noise)):
+        yield from (part.found.theta for part in of_parts if part is not None)
 
 
 def differ(structure: Structure, whole: Solution, parted: Solution) -> bool:

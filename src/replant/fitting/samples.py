@@ -229,18 +229,14 @@ class RawRecord:
 
     def levelled(self, y: FloatArray) -> FloatArray:
         """Return an output (K,) less the mean of each record: what the model is to explain of them."""
-        records = [slice(*rows) for rows in pairwise([0, *self.begins, self.u.size])]
-        return np.concatenate([y[rows] - self._mean(y[rows]) for rows in records])
+        records = [y[begin:end] for begin, end in pairwise([0, *self.begins, self.u.size])]
+        levels = [each[np.isfinite(each)].mean() if np.isfinite(each).any() else 0.0 for each in records]
+        return np.concatenate([each - level for each, level in zip(records, levels, strict=True)])
 
     @property
     def _parts(self) -> list[slice]:
         """The rows whose offset and initial state are their own."""
         return [slice(*rows) for rows in pairwise([0, *sorted({*self.begins, *self.loads}), self.u.size])]
-
-    @staticmethod
-    def _mean(y: FloatArray) -> float:
-        known = np.isfinite(y)
-        return float(y[known].mean()) if known.any() else 0.0
 
     def simulated(self, model: TransferFunction, y: FloatArray) -> Simulation:
         """Return a model run from the input, offset and initial state fitted to the outputs (K,) that are not NaN."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from replant.fitting.fit_result import FitResult
-from replant.fitting.miso_fit import RowFit
 from replant.fitting.several_outputs import MatrixFit
 from replant.fitting.structure_evidence import Judged
 from replant.model.structure import Structure
@@ -93,8 +92,7 @@ class SearchResult:
     @property
     def delays(self) -> tuple[float, ...]:
         """Dead time from each input in s, found between the points of the grid."""
-        structures = self.best.model.structures if isinstance(self.best, RowFit) else (self.best.structure,)
-        return tuple(each.delay for each in structures)
+        return tuple(each.delay for each in self.chosen.structures)
 
     @property
     def likely(self) -> tuple[Candidate, ...]:

@@ -318,7 +318,9 @@ def solved_rows(
         return solve(outputs[0], orders)
     rows = []
     for number, given in enumerate(outputs):
-        own = {name: of_output(name, each, number, len(outputs)) for name, each in orders.items()}
+        own = {
+            name: own_of(name, each, number, len(outputs), "tuples and y {} outputs") for name, each in orders.items()
+        }
         samples = in_columns(given)
         if columns_of(samples.inputs).shape[1] == 1 and not iterable(own["poles"]):
             own["poles"] = (own["poles"],)
@@ -334,12 +336,10 @@ def in_columns(given: Samples) -> Samples:
     return replace(given, u=inputs[:, None] if inputs.ndim == 1 else inputs)
 
 
-def of_output(name: str, given: Any, number: int, count: int) -> Any:
-    """Return poles, zeros or dead times of one output: those of all, or its own of a tuple for each."""
-    if not (iterable(given) and any(map(iterable, given))):
+def own_of(name: str, given: Any, number: int, count: int, words: str) -> Any:
+    """Return poles, zeros or dead times of one signal: those of all, or its own of a list of them for each."""
+    if not isinstance(given, list | tuple | np.ndarray) or not any(map(iterable, given)):
         return given
     if len(given) != count:
-        raise InvalidArgumentError(
-            f"{name} has {len(given)} tuples and y {count} outputs: give one for each, or one for all"
-        )
+        raise InvalidArgumentError(f"{name} has {len(given)} {words.format(count)}: give one for each, or one for all")
     return given[number]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from typing import Any, overload
 
 import numpy as np
@@ -19,12 +20,12 @@ from replant.fitting.miso_fit import RowFit, fit_row, is_row
 from replant.fitting.miso_search import Options, search_rows
 from replant.fitting.samples import Samples
 from replant.fitting.search_result import ALPHA, Candidate, MatrixSearch, SearchResult, likeliest_between
-from replant.fitting.several_outputs import are_rows, in_columns, samples_of_outputs
+from replant.fitting.several_outputs import are_rows, in_columns, own_of, samples_of_outputs
 from replant.fitting.structure_evidence import Evidence, Trial, least_known
 from replant.model.interop import in_our_words
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
-from replant.numerics.arguments import iterable, whole
+from replant.numerics.arguments import whole
 from replant.numerics.limits import MOST_TRIED, dead_time, duration, several
 from replant.numerics.linear_algebra import chi2_quantile
 from replant.verdict.evidence import CONSTANT, is_constant
@@ -119,14 +120,18 @@ def search(
     """
     outputs = samples_of_outputs(u, y, dt, t, reference, input, output)
     are_rows(outputs, {"bias": bias, "preprocess": preprocess is not None})
+    # an iterator ends: each input and each output takes the values again
+    n, m, times = (
+        tuple(islice(each, MOST_TRIED + 1)) if isinstance(each, Iterator) else each for each in (poles, zeros, delays)
+    )
     if len(outputs) == 1:
-        return _searched(outputs[0], poles, zeros, delays, bias, preprocess, progress)
+        return _searched(outputs[0], n, m, times, bias, preprocess, progress)
 
     def of_one(given: Samples, number: int) -> SearchResult:
         def say(done: int, of: int) -> None:
             progress(number * of + done, len(outputs) * of)
 
-        return as_row(_searched(given, poles, zeros, delays, bias, preprocess, say), given)
+        return as_row(_searched(given, n, m, times, bias, preprocess, say), given)
 
     return MatrixSearch(tuple(of_one(given, number) for number, given in enumerate(outputs)))
 
@@ -152,7 +157,7 @@ def _searched(
     if is_row(given):
         return search_rows(given, _options(given, poles, zeros, delays), progress)
     preprocess = given.preprocess if preprocess is None else preprocess
-    dt, times = duration("dt", given.dt), sorted(set(several("delays", delays, dead_time)))
+    dt, times = duration("dt", given.dt), _times(delays)
     grid = _grid(poles, zeros, times, bias)
     hold = RefinedFilter(given.input_hold)
     raw, r, _ = given.checked(replace(grid[0], delay=times[-1]), dt, given.input_hold, preprocess)
@@ -260,20 +265,17 @@ class _Sweep:
         top = self._top
         return trial is None or (top is not None and trial.evidence < top.evidence - self._reach)
 
-    def _smaller(self, size: tuple[int, int], k: int) -> list[Trial | None]:
-        """Return the trials with this dead time, and no more poles and zeros."""
-        return [
-            trial
-            for structure, trial in self._tried.items()
-            if structure.delay == self._delays[k] and structure.poles <= size[0] and structure.zeros <= size[1]
-        ]
-
     def _try(self, size: tuple[int, int], k: int, beside: Trial | None) -> Trial | None:
         """Try a structure, from the dead time beside it, or from a smaller structure and fast poles, or afresh."""
         self._seen = max(self._seen, len(self._tried))
         self._progress(self._seen, len(self._grid))
         structure, dt = Structure(*size, self._delays[k], self._grid[0].bias), self._evidence.record.dt
-        inner = max(filter(None, self._smaller(size, k)), key=lambda trial: trial.likelihood, default=None)
+        smaller = [
+            trial
+            for each, trial in self._tried.items()
+            if trial is not None and each.delay == structure.delay and each.poles <= size[0] and each.zeros <= size[1]
+        ]
+        inner = max(smaller, key=lambda trial: trial.likelihood, default=None)
         if beside is not None:
             trial = self._evidence.of(structure, [beside.found.theta])
             worse = inner is not None and (trial is None or trial.likelihood < inner.likelihood)
@@ -305,28 +307,17 @@ class _Sweep:
 def _options(given: Samples, poles: Any, zeros: Any, delays: Any) -> list[Options]:
     """Return what may be tried of each of several inputs: the same of all, or a range for each."""
     count = np.shape(given.inputs)[1]
-    found = []
+    asked, found = {"poles": poles, "zeros": zeros, "delays": delays}, []
     for i in range(count):
-        each = [
-            _of_input(name, asked, i, count) for name, asked in (("poles", poles), ("zeros", zeros), ("delays", delays))
-        ]
-        orders = _grid(each[0], each[1], (0.0,), bias=False)
-        sizes = sorted({_size(structure) for structure in orders})
-        times = tuple(sorted(set(several("delays", each[2], dead_time))))
-        allowed = None if each[1] is None else tuple(sorted({m for _, m in sizes}))
-        found.append(Options(tuple(sorted({n for n, _ in sizes})), allowed, times))
+        n, m, times = (own_of(name, each, i, count, "ranges and u {} inputs") for name, each in asked.items())
+        grid = _grid(n, m, (0.0,), bias=False)
+        found.append(Options(sorted({_size(structure) for structure in grid}), _times(times)))
     return found
 
 
-def _of_input(name: str, asked: Any, i: int, count: int) -> Any:
-    """Return what is asked of an input: its own range of ranges, or the one of all."""
-    if not isinstance(asked, list | tuple) or not any(iterable(each) for each in asked):
-        return asked
-    if len(asked) != count:
-        raise InvalidArgumentError(
-            f"{name} has {len(asked)} ranges and u {count} inputs: give one for each, or one for all"
-        )
-    return asked[i]
+def _times(delays: Any) -> list[float]:
+    """Return the dead times to try, checked and ascending."""
+    return sorted(set(several("delays", delays, dead_time)))
 
 
 def _size(structure: Structure) -> tuple[int, int]:

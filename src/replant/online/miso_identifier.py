@@ -208,7 +208,7 @@ class RowIdentifier(Shared):
         if interval is None:
             return None
         self._kept = kept._replace(step=None)  # whoever is interrupted has the state before, and makes the step anew
-        step = kept.step or RowStep.behind(kept.now)
+        step = kept.step or RowStep(kept.now)
         error, is_alarm = step.take(u, y, interval)
         self._kept = kept.with_more(step, (*u, y, 0.0 if t is None else t), is_alarm=is_alarm)
         return error

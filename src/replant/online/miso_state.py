@@ -27,7 +27,7 @@ from replant.estimation.solver.miso_change import Judge, find_change, plant_chan
 from replant.estimation.solver.record_changes import may_have_loads
 from replant.estimation.solver.solve import leaving_out, suspected
 from replant.estimation.solver.srivc_steps import SOONEST
-from replant.fitting.miso_solve import RowEstimate, RowSolution, solve_with
+from replant.fitting.miso_solve import Begins, RowEstimate, RowSolution, solve_with
 from replant.fitting.parted_record import solve_parted_row
 from replant.kernels.schema import Supposition
 from replant.numerics.arguments import FloatArray
@@ -35,7 +35,7 @@ from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_samples import REASONS, RowClock, RowHistory, RowSettings, Screened
-from replant.online.miso_starting_points import Begins, is_settled, is_white
+from replant.verdict.miso_tests import lacking, untold
 from replant.verdict.verdict import Finding
 
 # as often as it is solved again, and once in between
@@ -266,16 +266,16 @@ class RowState:
         afresh = afresh or present is None
         done = solve(partial(begins.afresh, also_white=True) if afresh else begins.there)
         is_asked = not afresh and self._has_told(2.0, self.started_at)
-        settled = is_asked and is_settled(done[1]) and not self.rivals
+        settled = is_asked and _is_settled(done[1]) and not self.rivals
         if is_asked and not (self.is_sure and settled):
             if done[1] is not None:
                 found = done[1].found
                 begins = Begins(found.noise, (found.point.theta, *found.rivals))
-            newest = settings.startup if settled and not is_white(done[1]) else None
+            newest = settings.startup if settled and not _is_white(done[1]) else None
             done, afresh = solve(partial(begins.afresh, newest=newest)), True
         if afresh:
-            new = replace(new, started_at=self.length, is_sure=is_white(done[1]) and is_settled(done[1]))
-        if RECENT < later <= settings.history and not is_settled(done[1]):  # as where an input has not moved yet
+            new = replace(new, started_at=self.length, is_sure=_is_white(done[1]) and _is_settled(done[1]))
+        if RECENT < later <= settings.history and not _is_settled(done[1]):  # as where an input has not moved yet
             new = replace(new, solve_at=self.record_began + later)
         return new._with(*done)
 
@@ -343,3 +343,17 @@ class RowState:
         ready = RowRecord.of(u, y, settings.dt, stamps, settings.input_hold, begins)
         references = values[ready.used, inputs:-2] if self.references else None
         return ready, Row(settings.structures, ready.record, ready.inputs, settings.input_names), references
+
+
+def _is_settled(solution: RowSolution | None) -> bool:
+    """Return whether nothing is found against a solution that another begin may mend."""
+    if solution is None:
+        return False
+    row, found, _ = solution
+    findings = [*found.findings, *untold(row, row.record, found.point, found.covariance)]
+    return not (findings or any(lacking(row, found.point, found.noise)))
+
+
+def _is_white(solution: RowSolution | None) -> bool:
+    """Return whether the noise has no colour: an autoregression may have taken a slow branch, until samples tell."""
+    return solution is not None and solution.found.noise.order == 0

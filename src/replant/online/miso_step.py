@@ -16,27 +16,26 @@ from replant.estimation.engine.state import GAP
 from replant.kernels.filters.whitening import JITTER
 from replant.kernels.schema import LARGEST, LEAP
 from replant.numerics.arguments import FloatArray
-from replant.online.miso_recursion import SURPRISE, RowRecursion
+from replant.online.miso_recursion import SURPRISE
 from replant.online.miso_state import RowState
 
 SINCE = 256  # single samples that a state takes as one chunk [samples]
 
 
 class RowStep:
-    """Takes samples one by one, behind those of a recursion, which stays as it is; `serves` says of which one."""
+    """Takes samples one by one, behind the newest one of a state that has a model, which stays as it is."""
 
-    def __init__(self, recursion: RowRecursion, *, learns: bool) -> None:
+    def __init__(self, state: RowState) -> None:
         from replant.kernels.step.branch import branch
         from replant.kernels.step.miso import learn
 
+        assert state.recursion is not None
+        recursion = state.recursion
         self._learn, self._branch = learn, branch
         self._models, size = recursion.models.copy(), recursion.delta.size
         self._theta, self._dt = recursion.theta, recursion.dt
-        self._origin, self._level, self._constant = (
-            recursion.origin.tolist(),
-            recursion.level,
-            float(recursion.weights[0]),
-        )
+        self._origin, self._level = recursion.origin.tolist(), recursion.level
+        self._constant = float(recursion.weights[0])
         self._rows = np.vstack([np.empty((1, size + 1)), recursion.tail])  # the oldest goes with the first sample
         self._newest, self._error = self._rows[-1], np.empty(1)
         self._interval, self._usual = np.empty(1), np.empty(1, np.int64)
@@ -54,22 +53,11 @@ class RowStep:
             slope, free = slope + structure.size, free + structure.poles
         noise = recursion.noise
         self._before = (
-            self._rows, np.zeros((0, size)), np.ones(1, np.int64), self._usual, learns, noise.order, noise.models,
+            self._rows, np.zeros((0, size)), np.ones(1, np.int64), self._usual, state.adapts, noise.order, noise.models,
             noise.powers, recursion.delta.copy(), recursion.factor.copy(), recursion.diagonal.copy(),
             recursion.counts.copy(), recursion.squares.copy(), recursion.harmless, SURPRISE, self._error,
         )  # fmt: skip
         self._work, self._estimate = np.empty(4 * size + 1), recursion.delta[: self._theta.size][None].copy()
-
-    @classmethod
-    def behind(cls, state: RowState) -> RowStep:
-        """Return what takes samples behind the newest one of a state that has a model."""
-        assert state.recursion is not None
-        return cls(state.recursion, learns=state.adapts)
-
-    @staticmethod
-    def serves(recursion: RowRecursion) -> bool:
-        """Whether samples have to do with no reference and with no dead time behind a gap."""
-        return recursion.instruments is None and recursion.waits == 0.0
 
     @property
     def parameters(self) -> FloatArray:
@@ -108,12 +96,13 @@ class Kept(NamedTuple):
 
     def interval_to(self, u: Sequence[float], y: float, t: float | None) -> float | None:
         """Return the interval in s to a sample that moves the recursion and nothing else; None of any other one."""
-        state, step, since = self
+        state, _, since = self
         known = state.recursion
         if known is None or state.references or state.stamped != (t is not None):
             return None
-        is_due = 0 < state.due <= state.samples + len(since) + 1
-        if is_due or not (step or RowStep.serves(known)) or len(u) != len(known.structures):
+        if 0 < state.due <= state.samples + len(since) + 1 or len(u) != len(known.structures):
+            return None
+        if known.instruments is not None or known.waits != 0.0:  # references, or a dead time behind a gap
             return None
         if not (abs(y) <= LARGEST and all(abs(each) <= LARGEST for each in u)):
             return None
