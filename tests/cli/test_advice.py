@@ -69,7 +69,7 @@ def walked(monkeypatch: pytest.MonkeyPatch) -> Watched:
     [
         pytest.param(("fit", "-i", "u", "-o", "y", "-p", 2, "--reference", "r"), marks=pytest.mark.slow),
         pytest.param(("run", "-i", "u", "-o", "y", "-p", 1, "--optimizer", "amsgrad"), marks=pytest.mark.slow),
-        ("fit", "-i", "u", "-o", "y", "-p", "1:2"),
+        pytest.param(("fit", "-i", "u", "-o", "y", "-p", "1:2"), marks=pytest.mark.slow),
     ],
 )
 def test_every_reason_has_a_next_command_that_runs(

@@ -82,7 +82,7 @@ def test_a_right_row_has_no_fault(seed: int, pole: float) -> None:
     assert found.verdict.status == "trusted", found.verdict
 
 
-@every("pole", [0.4, 3.0])
+@every("pole", [0.4, 3.0], quick=1)
 def test_an_input_recorded_late_is_no_controller(pole: float) -> None:
     """Steps at each row, as the delay of a row shows at steps alone."""
     u = np.repeat(np.random.default_rng(6).standard_normal((SAMPLES // 5, 2)), 5, axis=0)

@@ -91,7 +91,7 @@ def test_without_noise_gaps_cost_nothing() -> None:
     assert fitted.simulation.fit > 99.9999
 
 
-@every("identified", [rp.fit, rp.run])
+@every("identified", [rp.fit, rp.run], quick=1)
 def test_rows_without_an_input_are_as_rows_that_are_missing(identified) -> None:
     u, y = record(PLANT, 3, 4000, DT, noise=NOISE)
     lost = np.arange(4000) % 500 >= 440

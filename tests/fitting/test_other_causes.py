@@ -49,7 +49,7 @@ def test_pulses_that_the_plant_answers_are_none(poles: int) -> None:
     assert not any("far from" in reason for reason in verdict.reasons)
 
 
-@every("identified", [rp.fit, run])
+@every("identified", [rp.fit, run], quick=1)
 @every("seed", [0, 2, 3], quick=1)
 def test_a_straight_line_on_the_output_is_named(identified, seed: int) -> None:
     u, y = record(PLANT, seed, 2000, DT, noise=0.05)

@@ -288,7 +288,7 @@ def test_a_model_beside_which_others_are_as_likely_is_not_trusted(seed: int) -> 
     assert any("another model is as likely" in reason for reason in found.verdict.reasons)
 
 
-@every("size", [1e-80, 1e80, 1e140])
+@every("size", [1e-80, 1e80, 1e140], quick=1)
 def test_the_unit_of_the_signals_changes_no_estimate(size: float) -> None:
     u = toggling(0, samples=500)
     y = noisy(0, row_of(u, FAST, SLOW))

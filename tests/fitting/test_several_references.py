@@ -79,6 +79,7 @@ def test_a_sample_without_one_of_them_is_left_out_and_counted(wanted: Any) -> No
     assert found.rejected["not finite"] == 2
 
 
+@pytest.mark.slow
 def test_search_and_run_take_them_too(wanted: Any) -> None:
     found = rp.search(LOG, poles=1, zeros=0)
     np.testing.assert_array_equal(

@@ -156,6 +156,7 @@ def test_tasks_are_of_about_equal_work_and_each_rig_is_in_one(tmp_path: Path) ->
     assert works == sorted(works, reverse=True)
 
 
+@pytest.mark.slow
 def test_ten_thousand_files_are_planned_without_opening_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reader, "open_parquet", None)
     monkeypatch.setattr("builtins.open", None)

@@ -142,6 +142,7 @@ def test_only_the_demo_has_a_loop(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--loop goes with the source demo, not with log.csv" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_demo_is_trusted_and_its_record_gives_the_bits_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:

@@ -199,6 +199,7 @@ def objects() -> bytes:
     return b"".join(json.dumps(dict(zip(("n", "Q1", "Q2", "T1"), row, strict=True))).encode() + b"\n" for row in rows)
 
 
+@pytest.mark.slow
 def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

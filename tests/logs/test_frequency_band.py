@@ -41,7 +41,8 @@ def test_signals_outside_of_the_band_go_and_those_within_stay() -> None:
         assert float(np.std(centred)) == pytest.approx(float(np.std(within)), rel=0.02)
 
 
-@pytest.mark.parametrize("counted", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("counted", [False, True])
 def test_a_drift_that_would_spoil_the_model_is_taken_away(counted: bool) -> None:
     """In `make slow` beside the model that it spoils, of a third of the record: it takes ten times as long to find."""
     drift = 10.0 * np.sin(2.0 * np.pi * 0.005 * DT * np.arange(U.size))  # a twentieth of the edge: 1/400 of it stays

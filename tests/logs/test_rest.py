@@ -74,7 +74,7 @@ def test_a_dead_time_does_not_hide_the_rest() -> None:
     assert found.one_step > 80.0
 
 
-@every("several", [False, True])
+@every("several", [False, True], quick=1)
 def test_the_rest_is_no_part_of_the_record_that_is_counted(several: bool) -> None:
     """What is put before is neither a sample nor a rejected one, nor does the record last longer for it."""
     log = step_test(0, 5)

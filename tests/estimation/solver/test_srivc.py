@@ -228,6 +228,7 @@ def test_a_plain_root_that_has_converged_is_not_looked_for_again(
     assert len(found) == times
 
 
+@pytest.mark.slow
 def test_what_each_of_several_records_begins_with_counts_as_fitted() -> None:
     """Of 30 records of 20 samples an offset and a state each, 90 numbers, take a seventh of the residual's power."""
     begins = tuple(range(20, 600, 20))
