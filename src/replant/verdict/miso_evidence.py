@@ -29,9 +29,15 @@ from replant.verdict.verdict import Finding
 class Seen(NamedTuple):
     """What a row is to one of its inputs."""
 
-    name: str  # in words
+    name: str
     evidence: Evidence
     runs: Runs
+    is_only: bool  # whether the row has no other input
+
+    @property
+    def subject(self) -> str:
+        """Of which input a fault is told, in words."""
+        return f"input {self.name}" if self.is_only else f"input {self.name}, beside the others"
 
 
 def seen_by_each(row: Row, point: Point, covariance: FloatArray) -> list[Seen]:
@@ -51,7 +57,8 @@ def faults_of_output(seen: Sequence[Seen]) -> list[Finding]:
 def faults_of_inputs(seen: Sequence[Seen]) -> Iterator[Finding]:
     """Say what is wrong with the actuators and holds of a row, and with the plants behind them."""
     loop = Loop(Feedback(), None, [])
-    for name, evidence, runs in seen:
+    for each in seen:
+        evidence, runs = each.evidence, each.runs
         acting = Acting.of(evidence, runs, loop)
         found = [
             *hold_findings(evidence, runs),
@@ -59,8 +66,7 @@ def faults_of_inputs(seen: Sequence[Seen]) -> Iterator[Finding]:
             *rhythm_findings(acting, unexplained(evidence, runs)),
             *plant_findings(acting),
         ]
-        for each in found:
-            yield Finding(each.status, f"{name}: {each.reason}")
+        yield from (Finding(one.status, f"{each.subject}: {one.reason}") for one in found)
 
 
 def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which: int) -> Seen | None:
@@ -97,5 +103,5 @@ def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which:
         return None
     error = point.residual[which][rows] / evidence.output_unit
     run = replace(run, error=error, nuisances=np.hstack([free, np.delete(slopes, places, axis=1)])[rows])
-    name = f"input {row.names[number]}{', beside the others' if len(row.names) > 1 else ''}"
-    return Seen(name, evidence, Runs(run, run, error - error.mean(), float(np.var(evidence.record.y))))
+    runs = Runs(run, run, error - error.mean(), float(np.var(evidence.record.y)))
+    return Seen(row.names[number], evidence, runs, len(row.names) == 1)
