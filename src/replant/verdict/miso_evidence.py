@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from replant.estimation.simulation.miso import Point, Row
-from replant.estimation.simulation.model_run import run_model
+from replant.estimation.simulation.model_run import PER_COEFFICIENT, run_model
 from replant.estimation.solver.feedback_test import Feedback
 from replant.numerics.arguments import FloatArray
-from replant.verdict.assess import MOST_SAMPLES
+from replant.verdict.assess import MOST_IRREGULAR, MOST_SAMPLES
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.held_output import held_output_findings
 from replant.verdict.input_faults import Acting, actuator_findings, hold_findings, rhythm_findings
@@ -80,7 +80,8 @@ def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which:
         y=np.where(stretch.measured, left, 0.0),
         measured=stretch.measured,
     )
-    record, theta = whole.last(MOST_SAMPLES), point.theta[places]
+    record = whole.last(MOST_SAMPLES if whole.intervals.size == 1 else MOST_IRREGULAR)
+    theta = point.theta[places]
     rows = slice(whole.u.size - record.u.size, None)
     evidence = Evidence(
         row.structures[number],
@@ -96,7 +97,8 @@ def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which:
         input_zero=-float(row.inputs[stretch.rows][0, number]),
         measured=stretch.y[rows],
     ).in_own_units()
-    if evidence.counted < evidence.enough or not np.ptp(record.u) > 0.0:
+    enough = max(evidence.enough, PER_COEFFICIENT * (free.shape[1] + slopes.shape[1]))  # for what all inputs do
+    if evidence.counted < enough or not np.ptp(record.u) > 0.0:
         return None
     run = run_model(evidence.structure, evidence.estimate, evidence.record, evidence.dt)
     if run is None:
