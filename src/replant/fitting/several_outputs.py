@@ -338,7 +338,8 @@ def in_columns(given: Samples) -> Samples:
 
 def own_of(name: str, given: Any, number: int, count: int, words: str) -> Any:
     """Return poles, zeros or dead times of one signal: those of all, or its own of a list of them for each."""
-    if not isinstance(given, list | tuple | np.ndarray) or not any(map(iterable, given)):
+    is_list = isinstance(given, list | tuple | np.ndarray) and iterable(given)
+    if not (is_list and any(map(iterable, given))):
         return given
     if len(given) != count:
         raise InvalidArgumentError(f"{name} has {len(given)} {words.format(count)}: give one for each, or one for all")
