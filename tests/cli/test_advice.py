@@ -118,6 +118,7 @@ def test_the_verdict_leads_with_what_to_do(capsys, log: Path) -> None:
     assert "Next: search the structure and the dead time:" in lines
 
 
+@pytest.mark.slow
 def test_where_dead_times_alone_were_searched_for_the_number_of_poles_is_next(capsys, tmp_path: Path) -> None:
     u = np.where(np.arange(600) < 200, 0.0, 1.0)
     y = rp.TransferFunction([3.0], [1.0, 1.5, 1.0], 0.75).simulate(u, 0.1)
@@ -166,7 +167,7 @@ def test_of_a_step_test_the_rest_before_it_is_asked_for(capsys, tmp_path: Path) 
     assert "Verdict  trusted: keep the model" in out
 
 
-@every("command", ["fit", "run"])
+@every("command", ["fit", "run"], quick=1)
 def test_of_a_lag_with_two_poles_one_is_tried_next(
     capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:

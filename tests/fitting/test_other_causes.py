@@ -19,7 +19,7 @@ def run(log: rp.Log, poles: int) -> Result:
     return judged_by_log(rp.run(log, poles=poles), log)
 
 
-@every("identified, glitches", [(rp.fit, 20), (rp.fit, 1), (run, 20), (run, 1)], quick=2)
+@every("identified, glitches", [(rp.fit, 20), (rp.fit, 1), (run, 20), (run, 1)], quick=1)
 @every("level", [300.0, 0.0], quick=1)
 def test_values_that_the_plant_has_not_seen_are_named(identified, glitches: int, level: float) -> None:
     u, y = record(PLANT, 3, 2000, DT, noise=0.05)

@@ -60,6 +60,7 @@ def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(tmp_path: Path, c
     assert [again["a0"]["value"], again["b0"]["value"]] == kept.parameters.tolist()
 
 
+@pytest.mark.slow
 def test_a_second_process_solves_again_where_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     rig = tmp_path / "rig"
     with live("-", "--background", "--checkpoint", rig) as process:

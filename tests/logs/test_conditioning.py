@@ -58,6 +58,7 @@ def test_a_constant_stays_and_missing_samples_stay_missing() -> None:
     np.testing.assert_allclose(thinned.output[~lost], 7.0)
 
 
+@pytest.mark.slow
 def test_a_line_that_was_added_is_removed_and_the_mean_stays() -> None:
     log = recorded()
     drifting = log_of(log.input, log.output + np.linspace(-5.0, 5.0, len(log)), log.dt)

@@ -16,7 +16,7 @@ U = prbs(6000, hold=20) + 3.0
 LOG = rp.Log(U, G.simulate(U, DT) + 5.0, DT)
 
 
-@every("edges", [(0.1, None), (None, 5.0), (0.1, 5.0)])
+@every("edges", [(0.1, None), (None, 5.0), (0.1, 5.0)], quick=1)
 def test_the_plant_of_the_filtered_signals_is_the_plant(edges: tuple[float | None, float | None]) -> None:
     """What is left of the filter's beginning is a hundredth of it."""
     filtered = rp.bandpass(LOG, *edges)

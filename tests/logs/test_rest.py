@@ -21,7 +21,7 @@ def step_test(seed: int, begin: int, level: float = 3.0) -> rp.Log:
     return rp.Log(u, 5.0 + G.simulate(u - level, DT) + noise, DT)
 
 
-@every("begin", [1, 5, 40])
+@every("begin", [1, 5, 40], quick=1)
 def test_the_gain_is_better_known_and_within_what_is_promised(begin: int) -> None:
     """Of 20 records: the mean square of what it is off by, in its standard deviations, is 1 within a factor of 2."""
     off, spread = [], []

@@ -184,6 +184,7 @@ def of_two_plants() -> tuple[FloatArray, FloatArray]:
     return u, y + 0.02 * np.random.default_rng(2).standard_normal(u.size)
 
 
+@pytest.mark.slow
 def test_another_plant_changes_the_lead_and_the_change_is_an_event() -> None:
     u, y = of_two_plants()
     bank = begun([rp.Structure(1), rp.Structure(2)])

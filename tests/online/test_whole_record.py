@@ -147,7 +147,7 @@ def test_what_is_known_since_a_change_is_no_mixture_of_two_plants(seed: int) -> 
     assert ident.parameters == pytest.approx([0.5, 0.8], rel=0.15)
 
 
-@every("seed", range(6), quick=2)
+@every("seed", range(6), quick=1)
 def test_a_mixture_of_two_plants_is_trusted_by_neither_fit_nor_finish(seed: int) -> None:
     u, y = changed(seed, rp.TransferFunction([1.0], [1.0, 2.0]), 908)
     ident, fitted = finished(u, y), rp.fit(u, y, DT_SLOW, poles=1)

@@ -34,6 +34,7 @@ def finished(u: np.ndarray, y: np.ndarray, dt: float, **structure: Any) -> rp.Id
     return ident
 
 
+@pytest.mark.slow
 def test_behind_loads_one_fit_is_stated_by_all() -> None:
     u, y = loaded(0)
     fitted, passed = rp.fit(u, y, DT, poles=1, delay=0.3), rp.run(u, y, DT, poles=1, delay=0.3)
