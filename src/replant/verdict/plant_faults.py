@@ -95,7 +95,9 @@ def _surest(acting: Acting, known: FloatArray, told: list[Told]) -> list[Finding
         others = [each.columns for each in told if each is not one]
         return residual_of(evidence, error, np.hstack([known, *others])).explained(one.columns).statistic
 
-    return [] if not told else max(told, key=beside).findings if told[1:] else told[0].findings
+    if not told:
+        return []
+    return (max(told, key=beside) if told[1:] else told[0]).findings
 
 
 @dataclass(frozen=True, eq=False)
