@@ -8,6 +8,7 @@ import pytest
 import replant as rp
 from replant.numerics.arguments import FloatArray
 from support.cases import every
+from support.loops import closed_loop, coloured, steps
 
 DT = 0.02
 PLANT = rp.TransferFunction([4.0], [1.0, 1.2, 4.0])
@@ -156,3 +157,23 @@ def test_a_mixture_of_two_plants_is_trusted_by_neither_fit_nor_finish(seed: int)
         assert ident.assess().status == "inconsistent"
     else:
         assert ident.assess().status != "trusted" or ident.parameters == pytest.approx([2.0, 1.0], rel=0.3)
+
+
+def changed_under_control(seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """2/(s + 1) under a PI controller, its gain 1.2 in the last two fifths: input, output and reference."""
+    r = steps(seed, 4000, 40)
+    gain = np.where(np.arange(r.size) < 2400, 1.0, 0.6)
+    noise = 0.03 * coloured(seed, r.size, 0.8)
+    return *closed_loop([2.0], [1.0, 1.0], (0.4, 0.3), 0.05, r, np.zeros(r.size), noise, gain), r
+
+
+@every("seed", range(4), quick=1)
+def test_a_plant_that_changed_under_a_controller_with_a_reference_is_no_mixture(seed: int) -> None:
+    u, y, r = changed_under_control(seed)
+    ident = rp.Identifier(poles=1, dt=0.05)
+    ident.update_many(u, y, r=r)
+    ident.finish()
+    assert ident.parameters == pytest.approx([1.0, 1.2], rel=0.1)
+    verdict = rp.fit(u, y, 0.05, poles=1, reference=r).verdict
+    assert verdict.status == "inconsistent"
+    assert "the plant seems to have changed" in verdict.reasons[0]

@@ -14,21 +14,22 @@ DT = 0.1
 
 def closed_loop(
     numerator: list[float], denominator: list[float], gains: tuple[float, float], dt: float, r: np.ndarray,
-    load: np.ndarray, noise: np.ndarray,
+    load: np.ndarray, noise: np.ndarray, factors: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Input and output of u = kp (r - y) + ki times its integral, y = G (u + load) + noise; u is held.
+    """Input and output of u = kp (r - y) + ki times its integral, y = G (factor u + load) + noise; u is held.
 
     The output is read before the input is set, so that the loop has a delay of one sample.
     """
     A, B, C, _, _ = cont2discrete(tf2ss(numerator, denominator), dt, "zoh")
     x, integral = np.zeros(len(A)), 0.0
     u, y = np.empty(r.size), np.empty(r.size)
+    factors = np.ones(r.size) if factors is None else factors
     for k in range(r.size):
         y[k] = float(C[0] @ x) + noise[k]
         error = r[k] - y[k]
         u[k] = gains[0] * error + gains[1] * integral
         integral += dt * error
-        x = A @ x + B[:, 0] * (u[k] + load[k])
+        x = A @ x + B[:, 0] * (factors[k] * u[k] + load[k])
     return u, y
 
 

@@ -57,7 +57,7 @@ class PlantChange(NamedTuple):
 @quiet
 def change_within(structure: Structure, record: Record, parameters: FloatArray) -> PlantChange | None:
     """Return that the plant has changed within a record, or changes on and on; None where one G(s) may explain it."""
-    if record.r is not None or len(record.parts) > 1:
+    if len(record.parts) > 1:
         return None
     model = without_nuisances(structure, parameters)
     begin = begin_of_change(structure, record, model)
