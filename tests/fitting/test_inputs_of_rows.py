@@ -176,6 +176,25 @@ def test_an_actuator_that_bends_its_input_is_named_beside_another_input(said: st
         assert not any(reason.startswith(f"input u{2 - which}") for reason in verdict.reasons), (how, verdict.reasons)
 
 
+OF_SENSOR = {
+    "saturate": lambda y: np.clip(y, -1.2, 1.2),
+    "have a dead zone": lambda y: np.sign(y) * np.maximum(np.abs(y) - 0.3, 0.0),
+    "have another gain in the other direction": lambda y: np.where(y > 0.0, 1.3 * y, y),
+    "have play or friction": lambda y: play(y, 0.3),
+}
+
+
+@every("said", OF_SENSOR, quick=1)
+def test_a_sensor_that_is_not_linear_is_named_for_all_inputs(said: str) -> None:
+    """It acts on the sum of what all inputs make: by one of these alone, 13 of 18 such models were trusted."""
+    u = moved(4)
+    y = simulated(u, QUICK, SLOW)
+    y = noisy(OF_SENSOR[said](y / y.std()), 4)
+    for how, verdict in verdicts(u, y).items():
+        assert verdict.status == "inconsistent", (how, verdict)
+        assert verdict.reasons[0].startswith(f"the sensor seems to {said}"), (how, verdict.reasons)
+
+
 def test_of_one_input_no_others_are_named() -> None:
     u = moved(1, inputs=1)
     y = noisy(simulated(BENT["seems to saturate"](u), SLOW), 1)

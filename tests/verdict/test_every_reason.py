@@ -98,6 +98,13 @@ def acted(fault: Callable[[Array], Array], u: Array | None = None) -> Verdict:
     return run(u, out(fault(u), SLOW), TWO)
 
 
+def measured(fault: Callable[[Array], Array]) -> Verdict:
+    """The verdict on a right plant whose output, of standard deviation one, is measured with a fault."""
+    u = steps(1)
+    y = SLOW.simulate(u, DT)
+    return run(u, fault(y / y.std()) + 0.03 * noise(1), TWO)
+
+
 def smooth() -> Array:
     return multisine(2 * SAMPLES, DT, np.geomspace(0.05, 2.0, 12), amplitude=0.4)
 
@@ -271,6 +278,18 @@ PAIRS: dict[str, Pair] = {
     "the actuator seems to have play or friction": (
         lambda: acted(lambda u: play(u, 0.4)),
         lambda: acted(lambda u: u, play(steps(1), 0.4)),
+    ),
+    "the sensor seems to saturate": (
+        lambda: measured(lambda y: np.clip(y, -1.0, 1.0)),
+        lambda: acted(lambda u: np.clip(u, -0.4, 0.4)),
+    ),
+    "the sensor seems to have a dead zone": (
+        lambda: measured(lambda y: np.sign(y) * np.maximum(np.abs(y) - 0.3, 0.0)),
+        lambda: acted(lambda u: np.sign(u) * np.maximum(np.abs(u) - 0.4, 0.0)),
+    ),
+    "the sensor seems to have another gain in the other direction": (
+        lambda: measured(lambda y: np.where(y > 0.0, 1.5 * y, 0.5 * y)),
+        lambda: acted(lambda u: np.where(u > 0.0, 1.5 * u, 0.5 * u)),
     ),
     "the output is held from report to report": (
         lambda: fit(U, np.repeat(out(U)[::6], 6)),
@@ -519,6 +538,10 @@ ELSEWHERE = {
     "its response differs by x % from the estimate's": (
         "online/test_several_inputs.py: test_a_change_since_an_estimate_was_frozen_is_named",
         "online/test_several_inputs.py: test_a_plant_that_does_not_change_has_not_changed",
+    ),
+    "the sensor seems to have play or friction": (
+        "fitting/test_inputs_of_rows.py: test_a_sensor_that_is_not_linear_is_named_for_all_inputs",
+        "fitting/test_inputs_of_rows.py: test_an_actuator_that_bends_its_input_is_named_beside_another_input",
     ),
     "beside the others": (
         "fitting/test_inputs_of_rows.py: test_an_actuator_that_bends_its_input_is_named_beside_another_input",

@@ -217,7 +217,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"the output (?:has only|is a copy)|explains almost nothing", _look),
     (r"s apart where dt says", _repeat("let the time stamps count", "dt")),
     (r"have a gap every", _without_stamps),
-    (r"the actuator seems|acts otherwise|dry friction", _look),
+    (r"the (actuator|sensor) seems|acts otherwise|dry friction", _look),
     (r"run straight between|runs straight between", _straight),
     (r"before its row|where a controller opposes it|is recorded late", _rows),
     (r"than the model says", _dead_time),

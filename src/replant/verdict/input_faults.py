@@ -1,19 +1,21 @@
-"""Faults of the input: an actuator that is not linear, another hold or dead time than it was taken to have.
+"""Faults of actuator and sensor that are not linear, and of the input: another hold or dead time than was given.
 
 | fault | columns of its score test |
 |---|---|
 | the actuator saturates, or has a dead zone | B/A of v^3 and v^5, v the input on a scale from -1 to 1 |
 | its gain is another one in the other direction | B/A of abs(v) |
 | it has play or friction | B/A of the play of v, of two widths: it depends on where the input came from |
+| the sensor does so | the same of the modelled output, behind the plant |
 | the input runs straight between its samples | the output with such an input, less that with a held one |
 | the input acts later or earlier | the derivative of the output by the dead time |
 | the input acts on its own row | the input |
 | a disturbance has its period | cosine and sine of its strongest line |
 
-A linear model is right behind a curve only as far as that is straight.  What other dynamics could explain is taken away
+A linear model is right beside a curve only as far as that is straight.  What other dynamics could explain is taken away
 first: it is then the model that is wrong.  An input of two levels cannot tell: all curves through two points are
-straight lines.  A signal that was sampled, such as a measured voltage, runs on between its samples; one that a computer
-puts out is held.  Taken as held, a smooth input acts half a sample late, and the coefficients make up for that.
+straight lines.  Curves before and behind the plant compete: the one that explains most surely is named.  A signal that
+was sampled, such as a measured voltage, runs on between its samples; one that a computer puts out is held.  Taken as
+held, a smooth input acts half a sample late, and the coefficients make up for that.
 
 With a reference all but the hold are made of what that explains of the input, beside the slopes made of the same: a
 part of the residual that it explains is no answer of a controller.  In feedback without one dead time and direct path
@@ -70,31 +72,67 @@ ADVICE = "stay where it is straight, or map the input by its curve"
 SATURATES, DEAD = f"the actuator seems to saturate ({ADVICE})", f"the actuator seems to have a dead zone ({ADVICE})"
 LOPSIDED = f"the actuator seems to have another gain in the other direction ({ADVICE})"
 LOOSE = "the actuator seems to have play or friction (move it by more, or so that it comes from one side)"
+REMEDY = "stay where it is straight, or map the output by its curve"
+FLATTENS, DEAF = f"the sensor seems to saturate ({REMEDY})", f"the sensor seems to have a dead zone ({REMEDY})"
+SKEWED = f"the sensor seems to have another gain in the other direction ({REMEDY})"
+LAGS_BEHIND = "the sensor seems to have play or friction (move the plant by more, or so that it comes from one side)"
+
+Names = tuple[tuple[str, str], tuple[str, str], tuple[str, str]]
+# of odd curves, of the magnitude and of plays: what they are if they grow less than a straight line, and if more
+OF_ACTUATOR: Names = (SATURATES, DEAD), (LOPSIDED, LOPSIDED), (LOOSE, LOOSE)
+OF_SENSOR: Names = (FLATTENS, DEAF), (SKEWED, SKEWED), (LAGS_BEHIND, LAGS_BEHIND)
 
 
-def actuator_findings(acting: Acting) -> list[Finding]:
-    """Name the actuator's fault that explains a part of the residual most surely, if it is more than chance."""
+@dataclass(frozen=True)
+class Bend:
+    """A curve before or behind the plant that explains a part of the residual beside linear columns."""
+
+    fault: str
+    of_sensor: bool
+    part: float  # of the output's power
+    least: float  # part from which on it is a fault: where linear columns explain more, it is the model that is wrong
+    statistic: float  # over its limit
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What is said of it; nothing where it is too small."""
+        if not self.part > self.least:
+            return []
+        place = "behind" if self.of_sensor else "before"
+        reason = f"such a curve {place} the plant would explain another {percent(self.part)} of the output's power"
+        return [Finding("inconsistent", f"{self.fault}: {reason}")]
+
+
+def bend_findings(acting: Acting) -> list[Finding]:
+    """Name the curve of actuator or sensor that explains a part of the residual most surely."""
+    bend = bend_of(acting)
+    return [] if bend is None else bend.findings
+
+
+def bend_of(acting: Acting) -> Bend | None:
+    """Return the curve of actuator or sensor that explains most surely; None where none is more than chance."""
     if acting.loop.feedback.found and acting.loop.reference is None:  # a load that it answers may look alike
-        return []
+        return None
     evidence, rows = acting.evidence, acting.evidence.known
-    power = power_of(evidence, acting.made[rows])
     given, error, nuisances = acting.whole_input, acting.runs.now.error[rows], acting.runs.now.nuisances[rows]
-    v, before = _scaled(given - evidence.input_zero), given.size - evidence.samples  # all that acts comes through
+    before = given.size - evidence.samples  # all that acts comes through
     linear = np.hstack([acting.slopes[rows], acting.linear])
     residual = residual_of(evidence, error, np.hstack([nuisances, linear]))
-    surest, part, fault = 1.0, 0.0, ""
-    for curves, (inward, outward) in _curves(v):
-        found = residual.explained(_behind_the_plant(evidence, curves)[before:][rows])
-        if found.statistic > surest:
-            surest, part = found.statistic, min(found.power / power, 1.0)
-            fault = (
-                outward if _grows_outward(v[before:][rows], combined(curves[before:][rows], found.weights)) else inward
-            )
-    # where linear columns explain more, it is the model that is wrong
-    if not part > max(LARGEST_PART, residual_of(evidence, error, nuisances).explained(linear).power / power):
-        return []
-    reason = f"such a curve before the plant would explain another {percent(part)} of the output's power"
-    return [Finding("inconsistent", f"{fault}: {reason}")]
+    by_linear = residual_of(evidence, error, nuisances).explained(linear).power
+    v, z = _scaled(given - evidence.input_zero), _scaled(acting.sensed - acting.sensed[rows].mean())
+    actuator = v[before:][rows], power_of(evidence, acting.made[rows]), OF_ACTUATOR
+    sensor = z[rows], power_of(evidence, acting.sensed[rows]), OF_SENSOR
+    surest: Bend | None = None
+    for of_sensor, (signal, power, names) in enumerate((actuator, sensor)):
+        for curves, (inward, outward) in zip(_curves(z if of_sensor else v), names, strict=True):
+            made = curves if of_sensor else _behind_the_plant(evidence, curves)[before:]
+            found = residual.explained(made[rows])
+            if not found.statistic > (1.0 if surest is None else surest.statistic):
+                continue
+            curve = combined((curves if of_sensor else curves[before:])[rows], found.weights)
+            fault, least = outward if _grows_outward(signal, curve) else inward, max(LARGEST_PART, by_linear / power)
+            surest = Bend(fault, bool(of_sensor), min(found.power / power, 1.0), least, found.statistic)
+    return surest
 
 
 def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
@@ -216,16 +254,17 @@ class Acting:
     input: FloatArray  # (K,)
     output: FloatArray  # (K,): what the model makes of it
     slopes: FloatArray  # (K, n + m + 1)
+    sensed: FloatArray  # (K,): what a sensor measures of all inputs
 
     @classmethod
-    def of(cls, evidence: Evidence, runs: Runs, loop: Loop) -> Acting:
-        """Return what acts."""
+    def of(cls, evidence: Evidence, runs: Runs, loop: Loop, sensed: FloatArray | None = None) -> Acting:
+        """Return what acts; ``sensed`` where other inputs act, too."""
         run, reference = runs.now, loop.reference
         if reference is None or run.instruments is None:
-            return cls(evidence, runs, loop, run.u, run.forced, run.zeta)
+            return cls(evidence, runs, loop, run.u, run.forced, run.zeta, run.forced if sensed is None else sensed)
         b = evidence.structure.numerator
         output = combined(run.instruments[:, b], evidence.estimate[b])
-        return cls(evidence, runs, loop, reference.input, output, run.instruments)
+        return cls(evidence, runs, loop, reference.input, output, run.instruments, output)
 
     @property
     def known(self) -> FloatArray:
@@ -334,13 +373,13 @@ def _scaled(u: FloatArray) -> FloatArray:
     return np.asarray((u - middle) / max(high - middle, middle - low))
 
 
-def _curves(v: FloatArray) -> Iterator[tuple[FloatArray, tuple[str, str]]]:
-    """Yield curves (K, C) of the scaled input, and what they are where they grow less and more than straight ones."""
+def _curves(v: FloatArray) -> Iterator[FloatArray]:
+    """Yield curves (K, C) of a signal on a scale from -1 to 1: odd ones, the magnitude, plays."""
     from replant.kernels.filters.autoregressions import play  # compiled: imported where it is used
 
-    yield np.column_stack([v**3, v**5]), (SATURATES, DEAD)
-    yield np.abs(v)[:, None], (LOPSIDED, LOPSIDED)
-    yield np.column_stack([play(v, width) for width in WIDTHS]), (LOOSE, LOOSE)
+    yield np.column_stack([v**3, v**5])
+    yield np.abs(v)[:, None]
+    yield np.column_stack([play(v, width) for width in WIDTHS])
 
 
 def _grows_outward(v: FloatArray, curve: FloatArray) -> bool:

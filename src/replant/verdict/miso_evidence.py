@@ -20,7 +20,7 @@ from replant.numerics.arguments import FloatArray
 from replant.verdict.assess import MOST_IRREGULAR, MOST_SAMPLES
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.held_output import held_output_findings
-from replant.verdict.input_faults import Acting, actuator_findings, hold_findings, rhythm_findings
+from replant.verdict.input_faults import Acting, bend_of, hold_findings, rhythm_findings
 from replant.verdict.plant_faults import plant_findings
 from replant.verdict.residual_tests import Loop, unexplained
 from replant.verdict.verdict import Finding
@@ -32,6 +32,7 @@ class Seen(NamedTuple):
     name: str
     evidence: Evidence
     runs: Runs
+    acting: Acting
     is_only: bool  # whether the row has no other input
 
     @property
@@ -50,19 +51,22 @@ def seen_by_each(row: Row, point: Point, covariance: FloatArray) -> list[Seen]:
 
 
 def faults_of_output(seen: Sequence[Seen]) -> list[Finding]:
-    """Say what is wrong with the output, by the transfer function that it changes most."""
+    """Say where the output is held, by the transfer function that it changes most."""
     return held_output_findings(*((each.evidence, each.runs) for each in seen))
 
 
-def faults_of_inputs(seen: Sequence[Seen]) -> Iterator[Finding]:
-    """Say what is wrong with the actuators and holds of a row, and with the plants behind them."""
-    loop = Loop(Feedback(), None, [])
-    for each in seen:
-        evidence, runs = each.evidence, each.runs
-        acting = Acting.of(evidence, runs, loop)
+def faults_of_row(seen: Sequence[Seen]) -> Iterator[Finding]:
+    """Say what is wrong with the sensor, or with actuators, and with the holds and the plants behind them."""
+    bends = [bend_of(each.acting) for each in seen]
+    surest = max(filter(None, bends), key=lambda bend: bend.statistic, default=None)
+    is_of_sensor = surest is not None and surest.of_sensor
+    if surest is not None and is_of_sensor:
+        yield from surest.findings
+    for each, bend in zip(seen, bends, strict=True):
+        evidence, runs, acting = each.evidence, each.runs, each.acting
         found = [
             *hold_findings(evidence, runs),
-            *actuator_findings(acting),
+            *([] if bend is None or is_of_sensor or bend.of_sensor else bend.findings),
             *rhythm_findings(acting, unexplained(evidence, runs)),
             *plant_findings(acting),
         ]
@@ -106,4 +110,6 @@ def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which:
     error = point.residual[which][rows] / evidence.output_unit
     run = replace(run, error=error, nuisances=np.hstack([free, np.delete(slopes, places, axis=1)])[rows])
     runs = Runs(run, run, error - error.mean(), float(np.var(evidence.record.y)))
-    return Seen(row.names[number], evidence, runs, len(row.names) == 1)
+    sensed = outputs.sum(axis=1)[rows] / evidence.output_unit
+    acting = Acting.of(evidence, runs, Loop(Feedback(), None, []), sensed)
+    return Seen(row.names[number], evidence, runs, acting, len(row.names) == 1)

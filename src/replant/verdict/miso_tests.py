@@ -31,7 +31,7 @@ from replant.numerics.linear_algebra import (
 from replant.numerics.projections import WEAKEST, orthogonal, widening, without
 from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
 from replant.verdict.evidence import COPY_OF, FEWEST, RESTED, is_copy, moving, rounding_of
-from replant.verdict.miso_evidence import faults_of_inputs, faults_of_output, seen_by_each
+from replant.verdict.miso_evidence import faults_of_output, faults_of_row, seen_by_each
 from replant.verdict.residual_tests import Reference
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, figure, percent
 
@@ -62,7 +62,7 @@ def judged(
         findings += _useless(row, point, noise, covariance)
         seen = seen_by_each(row, point, covariance) if row.outside is None else []  # in feedback they answer the noise
         held = faults_of_output(seen)
-        named = [] if is_named or findings else list(faults_of_inputs(seen))
+        named = [] if is_named or findings else list(faults_of_row(seen))
         others, is_named = [*held, *named, *others], is_named or any(_is_fault(each) for each in [*held, *named])
         # what a named fault leaves, other dynamics could explain, too: in feedback the input explains its noise
         general = general if is_named else [*lacking(row, point, noise), *general]

@@ -48,7 +48,7 @@ from replant.verdict.evidence import (
 from replant.verdict.held_output import held_output_findings
 from replant.verdict.input_faults import (
     Acting,
-    actuator_findings,
+    bend_findings,
     dead_time_findings,
     direct_findings,
     hold_findings,
@@ -231,7 +231,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
     acting = Acting.of(evidence, runs, loop)
     model = [
         *_fit(evidence, runs, loop, figures),
-        *actuator_findings(acting),
+        *bend_findings(acting),
         *_unexplained(acting, figures),
         *plant_findings(acting),
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
