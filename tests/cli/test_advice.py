@@ -161,7 +161,7 @@ def test_of_a_step_test_the_rest_before_it_is_asked_for(capsys, tmp_path: Path) 
     log = tmp_path / "step.csv"
     log.write_text("t_s,u,y\n" + "".join(f"{k},{u[k]:g},{y[k]:.5f}\n" for k in range(150)))
     lines = of_log(capsys, log, "fit", "-p", 1, "--delay", 4)
-    assert lines[-2] == "Next: say that it began at rest, if it did:"
+    assert lines[-2] == "Next: if the plant began at rest, say so:"
     code, out, _ = call(capsys, *shlex.split(lines[-1])[1:])
     assert code == 0
     assert "Verdict  trusted: keep the model" in out

@@ -60,7 +60,7 @@ def test_what_is_missing_is_one_line(capsys, log, saved, tmp_path) -> None:
         ((saved[0], saved[1]), "name the log behind the models"),
         ((saved[0], tmp_path / "no.csv"), "no.csv"),
         ((saved[0], log, log), "no model that --save has written"),
-        ((saved[0], log, "-p", 2), "--poles makes models"),
+        ((saved[0], log, "-p", 2), "--poles does not apply to saved models"),
     ):
         code, out, err = call(capsys, "compare", *arguments)
         assert (code, out, err.count("\n")) == (2, "", 1), arguments

@@ -174,7 +174,7 @@ def test_a_second_output_is_a_second_row(capsys: Any, log: Path, tmp_path: Path)
     assert [row["output"]["name"] for row in whole["rows"]] == ["T1 [degC]", "T2 [degC]"]
     assert whole["rows"][0]["dc_gain"] == pytest.approx([2.0, 2.5], rel=0.1)
     _, _, err = call(capsys, "compare", saved, log)
-    assert "it has several outputs, and compare takes models of one" in err
+    assert "it has several outputs, and replant compare takes models of one" in err
 
 
 def test_columns_are_validated_by_their_names_or_in_the_order_of_the_model(
@@ -224,7 +224,7 @@ def test_compare_names_the_command_for_a_model_of_several_inputs(capsys: Any, lo
     call(capsys, "fit", log, *NAMED, "-p", "1,1", "--save", saved)
     code, _, err = call(capsys, "compare", saved, log)
     assert code == 2
-    assert "it has several inputs, and compare takes models of one" in err
+    assert "it has several inputs, and replant compare takes models of one" in err
 
 
 @pytest.fixture(scope="module")

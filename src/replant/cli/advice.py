@@ -22,7 +22,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.limits import typed_path
 from replant.online.runs.result import Result
 
-TRIED = 6  # dead times that a suggested range has beside 0 [count]
+TRIED = 6  # dead times of a suggested range, without 0 [count]
 STEPS_OF_A_TEST = 2  # moves of the input in a step test: up, and down again [count]
 UNSURE = r"has a standard deviation|uncertainty of (?:the estimate|its transfer)|cancel the poles?"
 FEWER = r"with fewer poles the record is likelier(?:: ask for (\d+|one) pole)?"
@@ -40,7 +40,7 @@ class NextStep:
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """What was asked for and what came of it."""
+    """The request and its result."""
 
     result: Result
     log: Log
@@ -67,7 +67,7 @@ def next_step(result: Result, log: Log, path: str, *, is_searched: bool) -> Next
 
 
 def dead_times(result: Result, log: Log) -> str:
-    """Return a range of dead times to try: to half as far again as the response's delay, or half a time constant."""
+    """Return a range of dead times to try: up to 1.5 times the delay of the response, or half a time constant."""
     seen = response(prepared(log.input), prepared(log.output))
     delay = 0.0 if seen is None else 1.5 * seen.delay * log.dt
     times = [mode.time_constant for mode in result.transfer_function.modes if math.isfinite(mode.time_constant)]
@@ -98,7 +98,7 @@ def _keep(situation: Situation) -> NextStep:
     others = [found[1] for reason in situation.result.verdict.reasons if (found := re.search(COLUMN, reason))]
     words += f", knowing that column {others[0]} moves the output, too" if others else ""
     changed: dict[str, object] = {}
-    if situation.is_searched:  # of what was searched for, what was found
+    if situation.is_searched:  # the structure that was found, in place of the ranges
         structure = situation.result.structure
         changed = {"poles": structure.poles, "zeros": structure.zeros, "delay": f"{structure.delay:.6g}"}
     return NextStep(f"{words}; check it on another log", again(**changed, save="model.json", validate=OTHER_LOG))
@@ -109,7 +109,7 @@ def _search(situation: Situation) -> NextStep:
         return NextStep("search the number of poles, too", again("poles", poles=f"1:{min(situation.poles + 2, 4)}"))
     if situation.is_searched:
         half = 0.5 * situation.log.duration
-        words = "no structure explains all of it: identify one half by itself, as a plant that changes needs"
+        words = "no structure explains the whole record; the plant may change: identify one half by itself"
         return NextStep(words, again("poles", "zeros", "delay", to=f"{half:.6g}", poles=situation.poles))
     delays = dead_times(situation.result, situation.log)
     searched = ["--poles", f"1:{min(situation.poles + 1, 4)}", "--delay", delays]
@@ -118,7 +118,7 @@ def _search(situation: Situation) -> NextStep:
 
 
 def _wait(_: Situation) -> NextStep:
-    if click.get_current_context().info_name == "fit":  # it has used them
+    if click.get_current_context().info_name == "fit":  # which has used all samples
         return _more()
     return NextStep("use all samples at once", shlex.join(_fit()))
 
@@ -154,7 +154,7 @@ def _is_step_test(u: FloatArray) -> bool:
 
 
 def _likelier(reason: str) -> int:
-    """Return the fewer poles that a reason says are likelier; 0 where it does not."""
+    """Return the smaller number of poles that a reason proposes; 0 if it proposes none."""
     found = re.search(FEWER, reason)
     return 0 if found is None or found[1] is None else 1 if found[1] == "one" else int(found[1])
 
@@ -175,7 +175,7 @@ def _column(situation: Situation) -> NextStep:
     found = re.search(COLUMN, situation.reason)
     name = "" if found is None else found[1]
     if time_candidates([name]):
-        return _look(situation, "look how the output drifts, and whether the log holds several recordings")
+        return _look(situation, "check how the output drifts, and whether the log holds several recordings")
     words = f"record with column {name} held still; or try it as the input"
     return NextStep(words, again("input", "reference", "delay", input=name))
 
@@ -183,7 +183,7 @@ def _column(situation: Situation) -> NextStep:
 def _reference(situation: Situation) -> NextStep:
     if situation.poles > 1 and "unstable" in situation.reason:
         return _fewer(situation)
-    return _look(situation, "give the set-point as --reference; look which column it is")
+    return _look(situation, "give the set-point as --reference; check which column it is")
 
 
 def _repeat(words: str, *without: str, **options: object) -> Callable[[Situation], NextStep]:
@@ -191,24 +191,24 @@ def _repeat(words: str, *without: str, **options: object) -> Callable[[Situation
     return lambda situation: NextStep(words, again(*without, **options))
 
 
-_rows = partial(_look, words="look which of input and output a row records first; move the output down")
-_move = partial(_look, words="move the input and record again; what it did in this record")
+_rows = partial(_look, words="check which of input and output a row records first; move the output down")
+_move = partial(_look, words="move the input and record again; look at what it did in this record")
 _rhythm = partial(
-    _look, words="move the input in another rhythm and record again; look what else could move the output"
+    _look, words="move the input in another rhythm and record again; check what else could move the output"
 )
 _sensor = partial(_look, words="look at the output: check the sensor, its range and its cable")
-_straight = _repeat("take the input for a straight line between its samples", input_hold="foh")
-_at_rest = _repeat("say that it began at rest, if it did", x0=REST)
-_default = _repeat("use the method by default", "optimizer", "method", "startup")
+_straight = _repeat("let the input run in a straight line between its samples", input_hold="foh")
+_at_rest = _repeat("if the plant began at rest, say so", x0=REST)
+_default = _repeat("use the default method", "optimizer", "method", "startup")
 
-#: What reasons say, and what to do; the first that fits counts.
+#: Patterns of reasons, each with the next step; the first match counts.
 STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"far from its others", _repeat("make these cells of the input empty, and repeat")),
     (
         r"held from report to report",
         _repeat("make the cells of the output empty that repeat the one before, and repeat"),
     ),
-    (r"drifts along a straight line", lambda _: NextStep("take the straight line off", f"{again()} --detrend")),
+    (r"drifts along a straight line", lambda _: NextStep("remove the straight line", f"{again()} --detrend")),
     (COLUMN, _column),
     (FEWER, _fewer),
     (r"the input is constant|has rested|hardly moves|came to rest", _move),

@@ -71,7 +71,7 @@ def _stretch(text: str) -> tuple[float, float]:
 stretch_of = parsed(_stretch, "is no stretch of time; write 12s:32s, from and to after the first sample")
 #: The options that name stretches, and their lines of help.
 STRETCHES = {
-    "use": "Use only this stretch of time, such as 0s:60s; the input before it is known all the same.",
+    "use": "Use only this stretch of time, such as 0s:60s; the input before it is still used.",
     "leave_out": "Leave out the output of this stretch of time, such as 12s:32s.",
     "validate_on": "Leave out this stretch, and validate the model on it.",
 }
@@ -104,8 +104,8 @@ def stretched(log: Log, options: dict[str, Any]) -> Log:
     left = (used if options.get("use") else np.ones(clock.size, bool)) & ~left_out & ~held
     if not (left & np.isfinite(log.output)).any():
         raise InvalidArgumentError("--use, --leave-out, --validate-on: no output is left to make a model of")
-    note(f"{int((~left).sum()):,} of {clock.size:,} outputs are left out, as --use, --leave-out or --validate-on say")
-    end = int(np.flatnonzero(left)[-1]) + 1  # an output that is missing from there on would be a sensor that has failed
+    note(f"{int((~left).sum()):,} of {clock.size:,} outputs are left out by --use, --leave-out or --validate-on")
+    end = int(np.flatnonzero(left)[-1]) + 1  # missing outputs at the end would look like a failed sensor
     time = None if log.time is None else log.time[:end]
     return changed(log, lambda signal: signal[:end], np.where(left, log.output, np.nan)[:end], time=time)
 
@@ -135,7 +135,7 @@ condition_options = group(
         "--decimate",
         type=click.IntRange(2),
         metavar="N",
-        help="Filter the signals against aliasing and keep one sample of N; the input then goes in straight lines.",
+        help="Filter the signals against aliasing and keep one sample of N; the input is then interpolated linearly.",
     ),
     click.option(
         "--resample",
@@ -147,7 +147,7 @@ condition_options = group(
         "--band",
         type=band_of,
         metavar="LOW:HIGH",
-        help="Let this band of frequencies count alone, in Hz: both signals pass the same filter, so that G(s) stays.  "
+        help="Use only this band of frequencies, in Hz: both signals pass the same filter, so G(s) does not change.  "
         "0.1: has no upper edge, :10 no lower one.",
     ),
     click.option(
@@ -155,7 +155,7 @@ condition_options = group(
         type=Choice([ESTIMATE, REST]),
         default=ESTIMATE,
         show_default=True,
-        help="State at the first sample: estimated, or at rest, the plant settled at the first input.",
+        help="State at the first sample: estimated, or at rest, with the plant settled at the first input.",
     ),
 )
 
@@ -218,4 +218,4 @@ def _done(name: str, log: Log, options: dict[str, Any]) -> str:
         return "detrended: a straight line is subtracted from each signal, its mean kept"
     left = int(np.flatnonzero(np.isfinite(log.output))[0]) if np.isfinite(log.output).any() else log.input.size
     counts = words_of(*options["band"])
-    return f"filtered: {counts} count; the first {left:,} outputs, while the filter settles, are missing"
+    return f"filtered: {counts} count; the first {left:,} outputs are missing, while the filter settles"

@@ -49,7 +49,7 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
 @click.option(
     "--on",
     metavar="WHERE",
-    help="Make the tables' runs on threads:N, processes:N or dask://HOST:PORT.  [default: here]",
+    help="Compute the tables on threads:N, processes:N or dask://HOST:PORT.  [default: here]",
 )
 @flag("--json", "Print one JSON object and nothing else.", "json_only")
 @path_option(

@@ -32,7 +32,13 @@ NAMED = 5  # odd rigs that the terminal names [count]
     metavar="file|folder|COLUMN",
     help="What a rig is: a file, a folder, or the value of a column of Parquet files or of folders COLUMN=rig.",
 )
-@click.option("--method", type=Choice(METHODS), default="run", show_default=True, help="As run or fit.")
+@click.option(
+    "--method",
+    type=Choice(METHODS),
+    default="run",
+    show_default=True,
+    help="Identify as replant run or replant fit does.",
+)
 @click.option(
     "--on", metavar="WHERE", help="threads:N, processes:N or dask://HOST:PORT.  [default: processes, one a core]"
 )

@@ -71,7 +71,7 @@ class SourceCommand(click.Command):
 )
 @click.option("--for", "seconds", type=time_of, metavar="TIME", help="End after this real time, such as 60s.")
 @click.option("--samples", type=click.IntRange(min=1), metavar="N", help="End after N samples.")
-@click.option("--until", type=Choice(["trusted"]), help="End as soon as this is the verdict.")
+@click.option("--until", type=Choice(["trusted"]), help="End as soon as the verdict is this one.")
 @click.option(
     "--to",
     "sinks",
@@ -106,10 +106,10 @@ class SourceCommand(click.Command):
     help="Time for which an estimate stays trusted without an accepted sample.  [default: 5s, or 10 sampling times "
     "if that is longer]",
 )
-@flag("--background", "Let a second process solve the record again: no sample waits for it.")
+@flag("--background", "Solve the record again in a second process, so that no sample waits.")
 @flag("--loop", "With the source demo: a motor under a PI controller, whose set-point is the reference.")
 def live_command(source: str, loop: bool, **options: Any) -> None:
-    """Identify G(s) from live samples of input u and output y, and of the reference r where a controller makes u.
+    """Identify G(s) from live samples of input u and output y, and of the reference r if a controller makes u.
 
     SOURCE is one of -, tcp://HOST:PORT, udp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, mqtt://HOST/TOPIC, a
     recorded log as in log.csv?input=u&output=y, or demo: a simulated rig that needs no other option.
@@ -118,7 +118,7 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
     ?columns=t,u,y,r.  Ctrl-C ends the session and prints the result.
 
     Several inputs, each with -i, give a transfer function from each, with poles, zeros and a dead time of its own:
-    -i Q1 -i Q2 -o T1 -p 2,1 --delay 0,0.3.  A line holds Q1,Q2,T1 in the place of u,y, or a header names its columns.
+    -i Q1 -i Q2 -o T1 -p 2,1 --delay 0,0.3.  A line holds Q1,Q2,T1 instead of u,y, or a header names its columns.
     """
     if loop:
         source = looped(source)
@@ -226,7 +226,7 @@ PLACE = "127.0.0.1:8720"
     default=PLACE,
     show_default=True,
     metavar="HOST:PORT",
-    help="Serve the page there; the next free port where another workbench has it.",
+    help="Serve the page there; on the next free port if another workbench uses it.",
 )
 def open_command(logs: tuple[Path, ...], place: str) -> None:
     """Open LOGs on a local page: look at them, cut a range, try orders, compare, keep a model.

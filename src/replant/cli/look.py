@@ -47,7 +47,7 @@ def look_command(
     """Show what is in LOG (csv, mat, parquet and more), and suggest a command to begin with.
 
     Columns with type, range, missing samples and resolution; the clock; which columns look like input, output and
-    reference; and the delay between input and output.  What is guessed is called a guess.
+    reference; and the delay between input and output.  Guesses are marked as such.
     """
     found = inspect(log, input=input_column, output=output_column, time=time_column)
     for left_out in found.table.notes:
@@ -112,7 +112,7 @@ def show_command(model: Path, as_json: bool) -> None:
 def validate_command(
     model: Path, logs: tuple[Path, ...], as_json: bool, out: Path | None, required: str | None, **columns: Any
 ) -> None:
-    """Compare MODEL with LOGS that it was not made from; offset and initial state are estimated, nothing else."""
+    """Compare MODEL with LOGS that it was not made from; only offset and initial state are estimated."""
     loaded = load_model(model)
     if not logs:
         raise click.UsageError(f"name the logs to compare the model with: replant validate {model} LOG")
@@ -167,7 +167,7 @@ def _compare_models(options: dict[str, Any]) -> None:
     if holds_model(path) or not holds_model(saved[0]):
         raise click.UsageError("name the log behind the models: replant compare MODEL.json MODEL2.json LOG")
     if options["poles"] is not None:
-        raise click.UsageError("--poles makes models: it is of no use where saved models are compared")
+        raise click.UsageError("--poles does not apply to saved models: leave it out")
     stems = [each.stem for each in saved]
     models = {each.stem if stems.count(each.stem) == 1 else str(each): _of_one_input(each) for each in saved}
     out: Path | None = options["out"]
@@ -192,7 +192,9 @@ def _of_one_input(path: Path) -> Model:
     model = load_model(path)
     if not isinstance(model, Model):
         several = "inputs" if isinstance(model, RowModel) else "outputs"
-        raise ModelFileError(f"{path}: it has several {several}, and compare takes models of one: use replant validate")
+        raise ModelFileError(
+            f"{path}: it has several {several}, and replant compare takes models of one: use replant validate"
+        )
     return model
 
 

@@ -1,4 +1,4 @@
-"""What a command says beside its result: notes, progress, the word that was meant; in characters that can be shown."""
+"""What a command prints beside its result: notes, progress, proposals for misspelled words."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _replaced(error: UnicodeError) -> tuple[str, int]:
     return to_ascii(error.object[error.start : error.end]), error.end
 
 
-NEAR = 0.6  # likeness from which on a word is taken for a misspelling [ratio of difflib]
+NEAR = 0.6  # least similarity of a misspelled word [ratio of difflib]
 
 
 def did_you_mean(word: str, words: Sequence[str], form: str = "{}") -> str:
@@ -48,7 +48,7 @@ def did_you_mean(word: str, words: Sequence[str], form: str = "{}") -> str:
 
 
 def plain(word: str) -> str:
-    """Return a word as it is compared: in lower case, with _ for -."""
+    """Return a word in the form for comparisons: in lower case, with _ for -."""
     return word.lower().replace("-", "_")
 
 
@@ -57,7 +57,7 @@ TYPED = "replant.typed"  # the words behind the name of the command that is runn
 
 
 def is_given(flag: str) -> bool:
-    """Return whether the command that is running was called with a flag, "quiet" or "progress"."""
+    """Return whether the running command was called with a flag, "quiet" or "progress"."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.params.get(flag))
 
@@ -71,7 +71,7 @@ def note(text: str) -> None:
         click.echo(f"replant: note: {text}", err=True)
 
 
-STEP = 10  # part of the work after which a line is printed [%]
+STEP = 10  # share of the work per line of progress [%]
 
 
 def terminal(**how: Any) -> Any:

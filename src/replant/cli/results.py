@@ -39,7 +39,7 @@ from replant.verdict.verdict import Verdict
 
 NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]
 REQUIRE = click.option(
-    "--require", "required", type=Choice(["trusted"]), help="Exit with code 3 where a verdict is another one."
+    "--require", "required", type=Choice(["trusted"]), help="Exit with code 3 if a verdict is another one."
 )
 OTHER_LOGS = "Compare the model with another log of the same columns; repeat the option for several."
 #: The options that `Delivery` takes, but for those that commands without a model have, too.
@@ -101,7 +101,7 @@ def validated(model: Model | RowModel, path: Path, columns: dict[str, Any]) -> V
     """Return a model's validation on a log."""
     found = model.validate(_as_named(model, whole_log(path, columns)))
     if model.provenance.sha256 and digest(path) == model.provenance.sha256:
-        note(f"{path}: it is the log that the model was made from; another one tells more")
+        note(f"{path}: the model was made from this log; validate it on another one")
     return found
 
 

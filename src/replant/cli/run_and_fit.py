@@ -54,11 +54,11 @@ def run_command(startup: int | None, **options: Any) -> None:
 
     Settings that no option gives are chosen from the data, and printed as Python code.  LOG may be larger than memory.
 
-    With a range, as in -p 1:4, up to ten structures learn side by side.  Of those that are trusted the most probable
-    one is served, given what each predicted of the samples; --json has structures, each with its weight, and leads.
+    With a range, as in -p 1:4, up to ten structures learn side by side.  The result is the trusted structure with the
+    highest probability, given its predictions of the samples; --json has structures, each with its weight, and leads.
 
     Several inputs, each with -i, give a transfer function from each, as `replant fit` does: -p 2,1 --delay 0,0.3.
-    Several outputs, each with -o, give a row of these each.
+    Several outputs, each with -o, give such a row each.
     """
     shared.begin(options, "replant run takes one log, in one pass; replant fit makes one model of several")
     to = results.Delivery.of(options)
@@ -121,16 +121,16 @@ def _side_by_side(options: dict[str, Any]) -> list[Structure]:
 def fit_command(**options: Any) -> None:
     """Fit G(s) to all of LOG (csv, mat, parquet and more; - is standard input).
 
-    Several logs of one rig give one model: of each, offset and initial state are its own.
+    Several logs of one rig give one model; each log has its own offset and initial state.
 
     The method is refined instrumental variables, or least squares.
 
     With a range of poles, zeros or dead times, the structure with the most evidence is chosen: the log-likelihood of
-    all samples, less ln(K) / 2 for every number that is fitted to K samples (BIC).  Structures that cannot win are left
-    early.  The dead time is found between the points of the grid.
+    all samples, less ln(K) / 2 for every number that is fitted to K samples (BIC).  The dead time is refined between
+    the points of the grid.
 
     Several inputs, each with -i, give a transfer function from each, with poles, zeros and a dead time of its own:
-    -p 2,1 --delay 0,0.3.  Several outputs, each with -o, are identified each by itself.
+    -p 2,1 --delay 0,0.3.  Several outputs, each with -o, are identified separately.
     """
     shared.begin(options)
     to, begun, tried = results.Delivery.of(options), time.perf_counter(), None

@@ -68,21 +68,22 @@ _STAMPS_COUNT = "each sample counts at its own time (--dt S instead would take t
 _LOGS = click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="LOG...")
 _INPUT = column_option("input", "Column of the input: name, or number from 0.")
 _INPUTS = column_option(
-    "input", "Column of the input: name, or number from 0; of several inputs once for each.", several=True
+    "input", "Column of the input: name, or number from 0; repeat it for several inputs.", several=True
 )
 _OUTPUT = column_option("output", "Column of the output.")
-_OUTPUTS = column_option("output", "Column of the output; of several outputs once for each.", several=True)
-_OF_REFERENCE = "Column of the reference, where a controller makes the input: the set-point, or a dither"
+_OUTPUTS = column_option("output", "Column of the output; repeat it for several outputs.", several=True)
+_OF_REFERENCE = "Column of the reference, if a controller makes the input: the set-point, or a dither"
 _REFERENCE = column_option("reference", f"{_OF_REFERENCE}.")
-_REFERENCES = column_option("reference", f"{_OF_REFERENCE}; of several inputs once for each reference.", several=True)
+_REFERENCES = column_option("reference", f"{_OF_REFERENCE}; repeat it for several references.", several=True)
 _STRUCTURE = structure_options("Number of poles.", "Number of zeros.  [default: 0]", "Dead time in s.  [default: 0]")
 _LIKEWISE = "Number of zeros, likewise.  [default: 0]", "Dead time in s, likewise.  [default: 0]"
-_OF_INPUTS = structure_options("Number of poles; of several inputs of each: 2,1.", *_LIKEWISE)
+_OF_INPUTS = structure_options("Number of poles; for several inputs one each: 2,1.", *_LIKEWISE)
 _EACH = structure_options(
-    "Number of poles, or a range such as 1:4, which learn side by side; of several inputs of each: 2,1.", *_LIKEWISE
+    "Number of poles, or a range such as 1:4, whose structures learn side by side; for several inputs one each: 2,1.",
+    *_LIKEWISE,
 )
 _STRUCTURES = structure_options(
-    "Number of poles, or a range such as 1:4; of several inputs a number or a range for each, as in 2,1 or 1:3,1:2.",
+    "Number of poles, or a range such as 1:4; for several inputs a number or a range for each, as in 2,1 or 1:3,1:2.",
     "Number of zeros, or a range.  [default: 0; with a range of poles, every number below that of the poles]",
     "Dead time in s, or a range such as 0:1:0.1.  [default: 0]",
 )
@@ -96,14 +97,14 @@ _REST = group(
     ),
     click.option("--dt", type=float, metavar="S", help="Sampling time in s of a regular clock, without a time column."),
     click.option(
-        "--from", "begin", type=float, metavar="S", help="Leave out what is before, in s from the first sample."
+        "--from", "begin", type=float, metavar="S", help="Leave out all samples before S, in s from the first sample."
     ),
-    click.option("--to", "end", type=float, metavar="S", help="Leave out what is after, in s from the first sample."),
+    click.option("--to", "end", type=float, metavar="S", help="Leave out samples after S, in s from the first one."),
     BIAS,
     FEEDTHROUGH,
     INPUT_MAP,
     flag("--quiet", "Print the result and errors only: no notes, no progress."),
-    flag("--progress", "Print progress in lines where standard error is no terminal."),
+    flag("--progress", "Print progress in lines if standard error is not a terminal."),
     JSON,
 )
 _OUT = path_option("--out", "DIR", "Write plots (PNG) and report.html here.")
@@ -117,7 +118,7 @@ fleet_options = group(click.argument("logs"), _INPUTS, _OUTPUT, _REFERENCES, _OF
 
 
 def begin(given: dict[str, Any], several: str = "") -> None:
-    """Look at the options before the command does its work; several logs are refused in these words, if any."""
+    """Check the options before the command does its work; ``several`` is the message that refuses several logs."""
     check_said(given)
     if isinstance(given["logs"], tuple):
         if several and len(given["logs"]) > 1:
@@ -181,10 +182,7 @@ def read(options: dict[str, Any]) -> Log:
 
 
 def _opened(options: dict[str, Any], **how: Any) -> Recording:
-    """Open the log that the options name, and print on standard error what is to be known about it.
-
-    That is what was left out, and doubts about its clock.
-    """
+    """Open the log that the options name, and print notes: what was left out, and doubts about its clock."""
     recording = open_recording(options["log"], **columns_of(options), **how)
     for found_in_file in recording.table.notes:
         note(found_in_file)
