@@ -33,6 +33,8 @@ CLOCKS = {  # stamps, counts of rejected samples beside others that are nought
     "misread far ahead": (lambda t: set_at(t, 700, 1e6), {"time leap": 1}),
     "misread far ahead, beyond float64": (lambda t: set_at(t, 700, 1e150), {"time too coarse": 1}),
     "misread far back": (lambda t: set_at(t, 700, -1e6), {"not later": 1}),
+    # the past inputs that are kept reach over the dead time of 0.3 s from 17 ms on
+    "denser than the dead time allows": (lambda t: set_at(t, 700, t[699] + 0.01), {"too dense": 1}),
     "twice the same": (lambda t: set_at(t, 700, t[699]), {"not later": 1}),
     "a pause": (lambda t: t + 1e4 * (t > 70.0), {}),
     "a pause before the first model": (lambda t: t + 1e4 * (t > 49.75), {}),

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from replant.estimation.engine.dimensions import ring_of
 from replant.estimation.engine.state import GAP
 from replant.kernels.schema import FARTHEST, LARGEST, LEAP, MOST_EARLIER
 from replant.model.structure import Structure
@@ -15,8 +16,8 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 LEAST = 4  # outputs for the first model, at the least [count for each unknown]
 ROOM = 256  # rows that there is room for at first [samples]
 # what becomes of a sample; one that leaps is believed when its successor is taken
-TAKEN, BELIEVED, UNUSABLE, NOT_LATER, LEAPS, TOO_COARSE = range(6)
-REASONS = "not finite", "too large", "not later", "time leap", "time too coarse", "no output"
+TAKEN, BELIEVED, UNUSABLE, NOT_LATER, LEAPS, TOO_COARSE, TOO_DENSE = range(7)
+REASONS = "not finite", "too large", "not later", "time leap", "time too coarse", "too dense", "no output"
 
 
 class RowSettings(NamedTuple):
@@ -34,6 +35,11 @@ class RowSettings(NamedTuple):
         """How many parameters there are."""
         return sum(each.size for each in self.structures)
 
+    @property
+    def closest(self) -> float:
+        """The shortest interval in s at which the past inputs that are kept reach over every dead time."""
+        return max(each.delay / (ring_of(each, self.dt) - 2) for each in self.structures)
+
 
 def fewest(structures: tuple[Structure, ...]) -> int:
     """Return the fewest outputs for a first model: `LEAST` for each coefficient, initial state and offset."""
@@ -49,19 +55,19 @@ class RowClock(NamedTuple):
     held: tuple[float, ...] = ()  # the sample whose stamp leaps ahead, until its successor tells whether it was misread
 
     def judged(
-        self, t: FloatArray, usable: BoolArray, last: float, dt: float
+        self, t: FloatArray, usable: BoolArray, last: float, dt: float, closest: float
     ) -> tuple[RowClock, FloatArray, IntArray, int | None]:
         """Return the clock after stamps (K,), times as kept, what becomes of each, and which waits for the next."""
         # last: the newest time kept, -inf before the first; what waits comes again, before its successor
         times = t + self.shift
         steps = np.diff(times[usable], prepend=last)
-        if last > -np.inf and bool(((steps > 0.0) & (steps <= LEAP * dt)).all()):
+        if last > -np.inf and bool(((steps > 0.0) & (steps >= closest) & (steps <= LEAP * dt)).all()):
             clock = self._replace(earlier=0, held=()) if usable.any() else self
             return clock, times, np.where(usable, TAKEN, UNUSABLE), None
-        return self._one_by_one(t, usable, last, dt)
+        return self._one_by_one(t, usable, last, dt, closest)
 
     def _one_by_one(
-        self, t: FloatArray, usable: BoolArray, last: float, dt: float
+        self, t: FloatArray, usable: BoolArray, last: float, dt: float, closest: float
     ) -> tuple[RowClock, FloatArray, IntArray, int | None]:
         shift, earlier, earlier_time, _ = self
         times, fate, held = t + shift, np.full(t.size, UNUSABLE), None
@@ -78,6 +84,9 @@ class RowClock(NamedTuple):
                     continue
                 shift = float(last + 2.0 * GAP * dt - t[k])  # how long it was nobody knows: a gap
                 now = times[k] = t[k] + shift
+            elif now - last < closest:
+                fate[k] = TOO_DENSE
+                continue
             elif leaps and last > -np.inf:
                 # there are slow rigs, each of whose stamps leaps as far
                 if held is None or not 0.0 < now - times[held] <= max(LEAP * dt, 2.0 * (times[held] - last)):
@@ -99,20 +108,21 @@ class Screened(NamedTuple):
 
     @classmethod
     def of(
-        cls, clock: RowClock, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, last: float, dt: float
-    ) -> Screened:
-        """Screen samples behind the time ``last``, -inf where there is none."""
+        cls, clock: RowClock, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, last: float,
+        dt: float, closest: float,
+    ) -> Screened:  # fmt: skip
+        """Screen samples behind the time ``last``, -inf where there is none; ``closest``: see `RowSettings`."""
         signals = np.column_stack([u, np.where(np.isnan(y), 0.0, y)])
         finite, small = np.isfinite(signals).all(axis=1), (np.abs(signals) <= LARGEST).all(axis=1)
         finite = finite if t is None else finite & np.isfinite(t)
         usable = finite & small
         times, fate = np.zeros(y.size), np.where(usable, TAKEN, UNUSABLE)
         if t is not None:
-            clock, times, fate, held = clock.judged(t, usable, last, dt)
+            clock, times, fate, held = clock.judged(t, usable, last, dt, closest)
             if held is not None:
                 clock = clock._replace(held=tuple(np.concatenate([u[held], r[held], [y[held], t[held]]]).tolist()))
         is_taken = fate <= BELIEVED
-        turned = ~finite, finite & ~small, *(fate == each for each in (NOT_LATER, LEAPS, TOO_COARSE))
+        turned = ~finite, finite & ~small, *(fate == each for each in (NOT_LATER, LEAPS, TOO_COARSE, TOO_DENSE))
         turned_away = dict(zip(REASONS, (*turned, is_taken & np.isnan(y)), strict=True))
         return cls(clock, times, is_taken, fate == BELIEVED, turned_away)
 

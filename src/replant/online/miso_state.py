@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -90,6 +90,11 @@ class RowState:
         """Whether the estimate is frozen, or was since the record began: no change is looked for from then on."""
         return self.recursion is not None and not self.look_at
 
+    @cached_property
+    def closest(self) -> float:
+        """The shortest interval in s, see `RowSettings`."""
+        return self.settings.closest
+
     @property
     def due(self) -> int:
         """Samples, at first outputs, at which the record is next looked into; 0: never."""
@@ -116,9 +121,9 @@ class RowState:
             return self._with_held(held, u, y, t, r, errors, estimates)
         y = np.where(np.isfinite(r).all(axis=1), y, np.nan)
         given, is_alarm = (u, y, t, r), False
-        dt, is_first = self.settings.dt, self.recursion is None
+        dt, closest, is_first = self.settings.dt, self.closest, self.recursion is None
         last = float(self.kept.values[-1, -1]) if self.samples else -math.inf
-        done = Screened.of(self.clock, u, y, t, r, last, dt)
+        done = Screened.of(self.clock, u, y, t, r, last, dt, closest)
         counted = done.is_taken & np.isfinite(y) if is_first else done.is_taken
         is_now = done.is_taken & ~done.is_believed  # another one is taken with its successor
         before, due = self.kept.measured if is_first else self.samples, self.due
@@ -126,7 +131,7 @@ class RowState:
         end = int(reached[0]) + 1 if reached.size else y.size
         if end < y.size:
             u, y, t, r, is_now = u[:end], y[:end], None if t is None else t[:end], r[:end], is_now[:end]
-            done = Screened.of(self.clock, u, y, t, r, last, dt)
+            done = Screened.of(self.clock, u, y, t, r, last, dt, closest)
         rejected = {name: self.rejected[name] + int(each.sum()) for name, each in done.turned_away.items()}
         rows = np.flatnonzero(done.is_taken)
         r = self._held(r[rows])

@@ -111,7 +111,7 @@ class Kept(NamedTuple):
         shift = state.clock.shift
         interval = t + shift - (since[-1][-1] + shift if since else float(state.kept.values[-1, -1]))
         longest = min(GAP * known.dt, LEAP * state.settings.dt)
-        return interval if 0.0 < interval <= longest else None
+        return interval if interval > 0.0 and state.closest <= interval <= longest else None
 
     def with_more(self, step: RowStep, sample: tuple[float, ...], *, is_alarm: bool) -> Kept:
         """Return what is kept after a sample that a step has taken."""

@@ -82,7 +82,11 @@ def restored(attributes: dict[str, Any]) -> RowState:
     structures = tuple(Structure(*each) for each in plain["structures"])
     hold, names = one_of("input_hold", plain["hold"], HOLDS), tuple(map(str, plain["names"]))
     settings = RowSettings(structures, duration("dt", plain["dt"]), plain["startup"], plain["history"], hold, names)
-    references, rejected, loads = plain["references"], plain["rejected"], tuple(plain["loads"])
+    references, rejected, loads = (
+        plain["references"],
+        dict.fromkeys(REASONS, 0) | plain["rejected"],
+        tuple(plain["loads"]),
+    )
     if type(references) is not int or references < 0:
         raise DamagedCheckpointError("its references are not valid")
     counts = [settings.startup, settings.history, *(plain[name] for name in COUNTS), *loads, *rejected.values()]

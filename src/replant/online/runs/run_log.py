@@ -171,7 +171,7 @@ def run_row(
     ident = RowIdentifier(
         dt=given.dt, startup=first, input_hold=given.input_hold, input_names=given.input_names, **orders
     )  # fmt: skip
-    screened = Screened.of(RowClock(), u, y, t, np.empty((y.size, 0)), -np.inf, given.dt)
+    screened = Screened.of(RowClock(), u, y, t, np.empty((y.size, 0)), -np.inf, given.dt, ident.request.closest)
     if t is None and not screened.is_taken.all():
         t = given.dt * np.arange(y.size, dtype=np.float64)  # a sample that is left out takes its time nevertheless
     for begin in range(0, y.size, CHUNK):
