@@ -179,8 +179,7 @@ def test_an_actuator_that_bends_its_input_is_named_beside_another_input(said: st
 OF_SENSOR = {
     "saturate": lambda y: np.clip(y, -1.2, 1.2),
     "have a dead zone": lambda y: np.sign(y) * np.maximum(np.abs(y) - 0.3, 0.0),
-    "have another gain in the other direction": lambda y: np.where(y > 0.0, 1.3 * y, y),
-    "have play or friction": lambda y: play(y, 0.3),
+    "have another gain in the other direction": lambda y: np.where(y > 0.0, 1.5 * y, 0.5 * y),
 }
 
 

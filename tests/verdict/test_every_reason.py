@@ -539,10 +539,6 @@ ELSEWHERE = {
         "online/test_several_inputs.py: test_a_change_since_an_estimate_was_frozen_is_named",
         "online/test_several_inputs.py: test_a_plant_that_does_not_change_has_not_changed",
     ),
-    "the sensor seems to have play or friction": (
-        "fitting/test_inputs_of_rows.py: test_a_sensor_that_is_not_linear_is_named_for_all_inputs",
-        "fitting/test_inputs_of_rows.py: test_an_actuator_that_bends_its_input_is_named_beside_another_input",
-    ),
     "beside the others": (
         "fitting/test_inputs_of_rows.py: test_an_actuator_that_bends_its_input_is_named_beside_another_input",
         "fitting/test_inputs_of_rows.py: test_a_right_row_that_visits_many_levels_has_no_fault",

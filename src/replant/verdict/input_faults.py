@@ -5,7 +5,7 @@
 | the actuator saturates, or has a dead zone | B/A of v^3 and v^5, v the input on a scale from -1 to 1 |
 | its gain is another one in the other direction | B/A of abs(v) |
 | it has play or friction | B/A of the play of v, of two widths: it depends on where the input came from |
-| the sensor does so | the same of the modelled output, behind the plant |
+| the sensor saturates, has a dead zone or two gains | the same curves of the modelled output, behind the plant |
 | the input runs straight between its samples | the output with such an input, less that with a held one |
 | the input acts later or earlier | the derivative of the output by the dead time |
 | the input acts on its own row | the input |
@@ -30,7 +30,7 @@ Wang (2008), "Identification of Continuous-time Models from Sampled Data", chapt
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -75,12 +75,11 @@ LOOSE = "the actuator seems to have play or friction (move it by more, or so tha
 REMEDY = "stay where it is straight, or map the output by its curve"
 FLATTENS, DEAF = f"the sensor seems to saturate ({REMEDY})", f"the sensor seems to have a dead zone ({REMEDY})"
 SKEWED = f"the sensor seems to have another gain in the other direction ({REMEDY})"
-LAGS_BEHIND = "the sensor seems to have play or friction (move the plant by more, or so that it comes from one side)"
 
-Names = tuple[tuple[str, str], tuple[str, str], tuple[str, str]]
+Names = tuple[tuple[str, str], ...]
 # of odd curves, of the magnitude and of plays: what they are if they grow less than a straight line, and if more
 OF_ACTUATOR: Names = (SATURATES, DEAD), (LOPSIDED, LOPSIDED), (LOOSE, LOOSE)
-OF_SENSOR: Names = (FLATTENS, DEAF), (SKEWED, SKEWED), (LAGS_BEHIND, LAGS_BEHIND)
+OF_SENSOR: Names = (FLATTENS, DEAF), (SKEWED, SKEWED)  # its play looks like that of the actuator
 
 
 @dataclass(frozen=True)
@@ -105,34 +104,42 @@ class Bend:
 
 def bend_findings(acting: Acting) -> list[Finding]:
     """Name the curve of actuator or sensor that explains a part of the residual most surely."""
-    bend = bend_of(acting)
-    return [] if bend is None else bend.findings
+    surest = surest_of(bends_of(acting))
+    return [] if surest is None else surest.findings
 
 
-def bend_of(acting: Acting) -> Bend | None:
-    """Return the curve of actuator or sensor that explains most surely; None where none is more than chance."""
+def surest_of(bends: Iterable[Bend | None]) -> Bend | None:
+    """Return the surest of some curves; None where there is none."""
+    return max(filter(None, bends), key=lambda bend: bend.statistic, default=None)
+
+
+def bends_of(acting: Acting) -> tuple[Bend | None, Bend | None]:
+    """Return the curve of the actuator, and of the sensor, that explains most surely; None if it may be chance."""
     if acting.loop.feedback.found and acting.loop.reference is None:  # a load that it answers may look alike
-        return None
+        return None, None
     evidence, rows = acting.evidence, acting.evidence.known
     given, error, nuisances = acting.whole_input, acting.runs.now.error[rows], acting.runs.now.nuisances[rows]
     before = given.size - evidence.samples  # all that acts comes through
     linear = np.hstack([acting.slopes[rows], acting.linear])
     residual = residual_of(evidence, error, np.hstack([nuisances, linear]))
     by_linear = residual_of(evidence, error, nuisances).explained(linear).power
-    v, z = _scaled(given - evidence.input_zero), _scaled(acting.sensed - acting.sensed[rows].mean())
-    actuator = v[before:][rows], power_of(evidence, acting.made[rows]), OF_ACTUATOR
-    sensor = z[rows], power_of(evidence, acting.sensed[rows]), OF_SENSOR
-    surest: Bend | None = None
-    for of_sensor, (signal, power, names) in enumerate((actuator, sensor)):
-        for curves, (inward, outward) in zip(_curves(z if of_sensor else v), names, strict=True):
+
+    def surest(signal: FloatArray, output: FloatArray, names: Names, *, of_sensor: bool) -> Bend | None:
+        """Return the surest of the curves of a signal (K,) as a part of an output (J,)."""
+        power, newest = power_of(evidence, output), signal[signal.size - evidence.samples :][rows]
+        least, found = max(LARGEST_PART, by_linear / power), []
+        for curves, (inward, outward) in zip(_curves(signal), names, strict=False):
             made = curves if of_sensor else _behind_the_plant(evidence, curves)[before:]
-            found = residual.explained(made[rows])
-            if not found.statistic > (1.0 if surest is None else surest.statistic):
-                continue
-            curve = combined((curves if of_sensor else curves[before:])[rows], found.weights)
-            fault, least = outward if _grows_outward(signal, curve) else inward, max(LARGEST_PART, by_linear / power)
-            surest = Bend(fault, bool(of_sensor), min(found.power / power, 1.0), least, found.statistic)
-    return surest
+            told = residual.explained(made[rows])
+            if told.is_sure:
+                curve = combined(curves[signal.size - evidence.samples :][rows], told.weights)
+                fault = outward if _grows_outward(newest, curve) else inward
+                found.append(Bend(fault, of_sensor, min(told.power / power, 1.0), least, told.statistic))
+        return surest_of(found)
+
+    actuator = surest(_scaled(given - evidence.input_zero), acting.made[rows], OF_ACTUATOR, of_sensor=False)
+    sensed = acting.sensed[rows]
+    return actuator, surest(_scaled(acting.sensed - sensed.mean()), sensed, OF_SENSOR, of_sensor=True)
 
 
 def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:

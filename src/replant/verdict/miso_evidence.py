@@ -20,7 +20,7 @@ from replant.numerics.arguments import FloatArray
 from replant.verdict.assess import MOST_IRREGULAR, MOST_SAMPLES
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.held_output import held_output_findings
-from replant.verdict.input_faults import Acting, bend_of, hold_findings, rhythm_findings
+from replant.verdict.input_faults import Acting, bends_of, hold_findings, rhythm_findings, surest_of
 from replant.verdict.plant_faults import plant_findings
 from replant.verdict.residual_tests import Loop, unexplained
 from replant.verdict.verdict import Finding
@@ -57,16 +57,18 @@ def faults_of_output(seen: Sequence[Seen]) -> list[Finding]:
 
 def faults_of_row(seen: Sequence[Seen]) -> Iterator[Finding]:
     """Say what is wrong with the sensor, or with actuators, and with the holds and the plants behind them."""
-    bends = [bend_of(each.acting) for each in seen]
-    surest = max(filter(None, bends), key=lambda bend: bend.statistic, default=None)
-    is_of_sensor = surest is not None and surest.of_sensor
-    if surest is not None and is_of_sensor:
-        yield from surest.findings
-    for each, bend in zip(seen, bends, strict=True):
+    bends = [bends_of(each.acting) for each in seen]
+    actuators, sensors = zip(*bends, strict=True) if bends else ((), ())
+    # what another pole of one input explains looks like a curve beside the dynamics of the other ones
+    sensor = min(filter(None, sensors), key=lambda bend: bend.statistic) if sensors and all(sensors) else None
+    is_of_sensor = sensor is not None and sensor is surest_of((sensor, *actuators))
+    if sensor is not None and is_of_sensor:
+        yield from sensor.findings
+    for each, bend in zip(seen, actuators, strict=True):
         evidence, runs, acting = each.evidence, each.runs, each.acting
         found = [
             *hold_findings(evidence, runs),
-            *([] if bend is None or is_of_sensor or bend.of_sensor else bend.findings),
+            *([] if bend is None or is_of_sensor else bend.findings),
             *rhythm_findings(acting, unexplained(evidence, runs)),
             *plant_findings(acting),
         ]
