@@ -118,7 +118,7 @@ class RowFit:
 
 def is_row(given: Samples, *orders: Any) -> bool:
     """Return whether several inputs are asked for: by columns, by a log of several, or by an entry for each."""
-    columns = isinstance(given.u, np.ndarray) and given.u.ndim == 2 and given.u.shape[1] != 1
+    columns = isinstance(given.u, np.ndarray) and given.u.ndim == 2
     return columns or bool(given.more_inputs) or any(isinstance(each, tuple) for each in orders)
 
 
@@ -257,9 +257,8 @@ def structures_of(inputs: int, poles: Any, zeros: Any, delay: Any) -> tuple[Stru
 
 
 def columns_of(u: Any) -> FloatArray:
-    """Return several inputs, checked, as columns (K, q); a vector is the column of a row of one."""
+    """Return several inputs, checked, as columns (K, q)."""
     columns = np.asarray(array_of_reals("u", u), np.float64)
-    columns = columns[:, None] if columns.ndim == 1 else columns
     if columns.ndim != 2 or not columns.shape[1]:
         raise InvalidArgumentError(
             f"u must have a column for each input, shape (K, q), got shape {shown(columns.shape)}"

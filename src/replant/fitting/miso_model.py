@@ -198,7 +198,6 @@ class RowModel(model_file.Written, RowFields):
 
     def _columns(self, u: Any) -> FloatArray:
         columns = np.asarray(array_of_reals("u", u), np.float64)
-        columns = columns[:, None] if columns.ndim == len(self.structures) == 1 else columns
         if columns.ndim != 2 or columns.shape[1] != len(self.structures):
             raise InvalidArgumentError(
                 f"u must have a column for each of {len(self.structures)} inputs, {', '.join(self.input_names)}: got "

@@ -19,7 +19,7 @@ from replant.logs.read import in_python, log_of_frame
 from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import BoolArray, FloatArray, array_of_reals, is_frame, record
+from replant.numerics.arguments import BoolArray, FloatArray, is_frame, record
 from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.numerics.limits import increasing
 from replant.verdict import Simulation, fit_percent, simulate
@@ -27,11 +27,6 @@ from replant.verdict import Simulation, fit_percent, simulate
 # a gap of any length begins a new part; none of the estimate depends on it
 BETWEEN = 10.0  # gap between two logs that are fitted together [longest interval beside it]
 SAME_CLOCK = 1e-3  # difference of two logs' sampling times up to which they are the same [part]
-
-
-def as_array(name: str, given: Any) -> Any:
-    """Return a signal as an array, whose shape says of how many columns it is; an array and None as they are."""
-    return given if given is None or isinstance(given, np.ndarray) else array_of_reals(name, given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +87,7 @@ class Samples:
             )  # fmt: skip
         if y is None or dt is None:
             raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
-        return cls(as_array("u", u), as_array("y", y), dt, t, as_array("reference", reference))
+        return cls(u, y, dt, t, reference)
 
     @classmethod
     def of_several(cls, logs: list[Log]) -> Samples:

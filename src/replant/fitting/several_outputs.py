@@ -14,7 +14,7 @@ from replant.fitting.miso_fit import RowFit, columns_of, is_row
 from replant.fitting.miso_model import RowModel, number_of
 from replant.fitting.model import Model
 from replant.fitting.model_file import AnyPath
-from replant.fitting.samples import Samples, as_array
+from replant.fitting.samples import Samples
 from replant.fitting.validation import Validation
 from replant.logs.frame import labels_of
 from replant.logs.log import Log, check_one_reference
@@ -286,8 +286,7 @@ def samples_of_outputs(
         if len(names) < len(each):
             raise InvalidArgumentError(f"name each column once, got {', '.join(map(shown, output))}")
         return [without_outputs(one, names) for one in each]
-    y = as_array("y", y)
-    if y is None or y.ndim != 2 or y.shape[1] <= 1:
+    if not (isinstance(y, np.ndarray) and y.ndim == 2 and y.shape[1] > 1):
         return [Samples.of(u, y, dt, t, reference, input, output)]
     each = [Samples.of(u, column, dt, t, reference, input, output) for column in outputs_of(y)]
     return [replace(one, output_name=f"y{number}") for number, one in enumerate(each, 1)]
@@ -322,10 +321,19 @@ def solved_rows(
         own = {
             name: own_of(name, each, number, len(outputs), "tuples and y {} outputs") for name, each in orders.items()
         }
-        if columns_of(given.inputs).shape[1] == 1 and not iterable(own["poles"]):
+        samples = in_columns(given)
+        if columns_of(samples.inputs).shape[1] == 1 and not iterable(own["poles"]):
             own["poles"] = (own["poles"],)
-        rows.append(solve(given, own))
+        rows.append(solve(samples, own))
     return MatrixFit(tuple(rows))
+
+
+def in_columns(given: Samples) -> Samples:
+    """Return the same samples, an array of one input as a column."""
+    if given.is_log:
+        return given
+    inputs = np.asarray(array_of_reals("u", given.u), np.float64)
+    return replace(given, u=inputs[:, None] if inputs.ndim == 1 else inputs)
 
 
 def own_of(name: str, given: Any, number: int, count: int, words: str) -> Any:

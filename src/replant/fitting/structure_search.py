@@ -20,7 +20,7 @@ from replant.fitting.miso_fit import RowFit, fit_row, is_row
 from replant.fitting.miso_search import Options, search_rows
 from replant.fitting.samples import Samples
 from replant.fitting.search_result import ALPHA, Candidate, MatrixSearch, SearchResult, likeliest_between
-from replant.fitting.several_outputs import are_rows, own_of, samples_of_outputs
+from replant.fitting.several_outputs import are_rows, in_columns, own_of, samples_of_outputs
 from replant.fitting.structure_evidence import Evidence, Trial, least_known
 from replant.model.interop import in_our_words
 from replant.model.preprocess import Preprocess
@@ -141,7 +141,7 @@ def as_row(found: SearchResult, given: Samples) -> SearchResult:
     if isinstance(found.best, RowFit):
         return found
     each = found.best.structure
-    return replace(found, best=fit_row(given, (each.poles,), (each.zeros,), (each.delay,)))
+    return replace(found, best=fit_row(in_columns(given), (each.poles,), (each.zeros,), (each.delay,)))
 
 
 def _searched(

@@ -146,10 +146,8 @@ def array_of_reals(name: str, value: Any) -> FloatArray:
 
 
 def vector(name: str, value: Any) -> FloatArray:
-    """Return ``value`` as a contiguous float64 vector (K,); a single column (K, 1) is one, too."""
+    """Return ``value`` as a contiguous float64 vector (K,)."""
     array = array_of_reals(name, value)
-    if array.ndim == 2 and array.shape[1] == 1:
-        return array[:, 0].copy()
     if array.ndim != 1:
         got = _describe(value) if is_frame(value) else f"shape {array.shape}"
         raise InvalidArgumentError(f"{name} must be a vector of shape (K,), got {got}")

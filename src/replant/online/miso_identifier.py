@@ -252,7 +252,6 @@ class RowIdentifier(Shared):
 
     def _checked(self, u: Any, y: Any, t: Any, r: Any) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray]:
         columns, output, count = array_of_reals("u", u), vector("y", y), len(self.structures)
-        columns = columns[:, None] if columns.ndim == count == 1 else columns
         if columns.shape != (output.size, count):
             raise InvalidArgumentError(
                 f"u must be a number for each of {count} inputs, (K, {count}) of K samples; got shape "

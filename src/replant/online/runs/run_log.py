@@ -161,10 +161,10 @@ def run_row(
     if given.begins:
         raise InvalidArgumentError("a pass over several inputs takes one log: give one, or use fit for several")
     u, y = columns_of(given.inputs), vector("y", given.y)
+    structures_of(u.shape[1], **orders)
     for name, signal in (("u", u), ("t", given.t), ("reference", given.references)):
         if signal is not None and len(signal) != y.size:
             raise InvalidArgumentError(f"{name} has {len(signal)} rows and y {y.size} samples: give one row for each")
-    structures_of(u.shape[1], **orders)
     check_numbers(given, u, y, references_of(given.references, y.size))
     t = None if given.t is None else increasing(given.t, y.size)
     first = first_model(y.size) if startup is None else startup
