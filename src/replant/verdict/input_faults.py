@@ -79,7 +79,7 @@ SKEWED = f"the sensor seems to have another gain in the other direction ({REMEDY
 Names = tuple[tuple[str, str], ...]
 # of odd curves, of the magnitude and of plays: what they are if they grow less than a straight line, and if more
 OF_ACTUATOR: Names = (SATURATES, DEAD), (LOPSIDED, LOPSIDED), (LOOSE, LOOSE)
-OF_SENSOR: Names = (FLATTENS, DEAF), (SKEWED, SKEWED)  # its play looks like that of the actuator
+OF_SENSOR: Names = (FLATTENS, DEAF), (SKEWED, SKEWED)  # no plays: they look like those of the actuator
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def bends_of(acting: Acting) -> tuple[Bend | None, Bend | None]:
         """Return the surest of the curves of a signal (K,) as a part of an output (J,)."""
         power, newest = power_of(evidence, output), signal[signal.size - evidence.samples :][rows]
         least, found = max(LARGEST_PART, by_linear / power), []
-        for curves, (inward, outward) in zip(_curves(signal), names, strict=False):
+        for curves, (inward, outward) in zip(_curves(signal), names, strict=False):  # as many as there are names
             made = curves if of_sensor else _behind_the_plant(evidence, curves)[before:]
             told = residual.explained(made[rows])
             if told.is_sure:
@@ -377,7 +377,7 @@ def _scaled(u: FloatArray) -> FloatArray:
     """Return an input on a scale from -1 to 1; zero stays where it is if the input lies on both sides of it."""
     low, high = float(u.min()), float(u.max())
     middle = 0.0 if low < 0.0 < high else 0.5 * (low + high)
-    return np.asarray((u - middle) / max(high - middle, middle - low))
+    return np.asarray((u - middle) / max(high - middle, middle - low, float(np.finfo(float).tiny)))
 
 
 def _curves(v: FloatArray) -> Iterator[FloatArray]:

@@ -30,8 +30,6 @@ class Seen(NamedTuple):
     """What a row is to one of its inputs."""
 
     name: str
-    evidence: Evidence
-    runs: Runs
     acting: Acting
     is_only: bool  # whether the row has no other input
 
@@ -52,7 +50,7 @@ def seen_by_each(row: Row, point: Point, covariance: FloatArray) -> list[Seen]:
 
 def faults_of_output(seen: Sequence[Seen]) -> list[Finding]:
     """Say where the output is held, by the transfer function that it changes most."""
-    return held_output_findings(*((each.evidence, each.runs) for each in seen))
+    return held_output_findings(*((each.acting.evidence, each.acting.runs) for each in seen))
 
 
 def faults_of_row(seen: Sequence[Seen]) -> Iterator[Finding]:
@@ -61,14 +59,15 @@ def faults_of_row(seen: Sequence[Seen]) -> Iterator[Finding]:
     actuators, sensors = zip(*bends, strict=True) if bends else ((), ())
     # what another pole of one input explains looks like a curve beside the dynamics of the other ones
     sensor = min(filter(None, sensors), key=lambda bend: bend.statistic) if sensors and all(sensors) else None
-    is_of_sensor = sensor is not None and sensor is surest_of((sensor, *actuators))
-    if sensor is not None and is_of_sensor:
-        yield from sensor.findings
+    is_surest = sensor is surest_of((sensor, *actuators))
+    of_sensor = sensor.findings if sensor is not None and is_surest else []
+    yield from of_sensor
     for each, bend in zip(seen, actuators, strict=True):
-        evidence, runs, acting = each.evidence, each.runs, each.acting
+        acting = each.acting
+        evidence, runs = acting.evidence, acting.runs
         found = [
             *hold_findings(evidence, runs),
-            *([] if bend is None or is_of_sensor else bend.findings),
+            *([] if bend is None or of_sensor else bend.findings),
             *rhythm_findings(acting, unexplained(evidence, runs)),
             *plant_findings(acting),
         ]
@@ -114,4 +113,4 @@ def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which:
     runs = Runs(run, run, error - error.mean(), float(np.var(evidence.record.y)))
     sensed = outputs.sum(axis=1)[rows] / evidence.output_unit
     acting = Acting.of(evidence, runs, Loop(Feedback(), None, []), sensed)
-    return Seen(row.names[number], evidence, runs, acting, len(row.names) == 1)
+    return Seen(row.names[number], acting, len(row.names) == 1)

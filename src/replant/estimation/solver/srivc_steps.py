@@ -282,7 +282,7 @@ class Problem:
         settled, moved = max(renewals, default=0), math.inf
         costs: list[float] = []  # of the steps since the noise model was last renewed
         stuck, halved = False, 0  # whether no step lowers the cost
-        is_own = False  # whether the noise model is that of this very model
+        is_own = not renewals  # whether the noise model is that of this very model, or stays
 
         def cost(tried: FloatArray, done: Pass) -> float:
             is_allowed = math.isfinite(done.cost) and (not stable or self.is_stable(tried))
@@ -320,7 +320,7 @@ class Problem:
                 if is_own or step > settled:
                     break
                 continue
-            is_own = False
+            is_own = not renewals
             model, done, halved = better
             if moved < STILL and step >= settled:
                 break

@@ -82,15 +82,12 @@ def restored(attributes: dict[str, Any]) -> RowState:
     structures = tuple(Structure(*each) for each in plain["structures"])
     hold, names = one_of("input_hold", plain["hold"], HOLDS), tuple(map(str, plain["names"]))
     settings = RowSettings(structures, duration("dt", plain["dt"]), plain["startup"], plain["history"], hold, names)
-    references, rejected, loads = (
-        plain["references"],
-        dict.fromkeys(REASONS, 0) | plain["rejected"],
-        tuple(plain["loads"]),
-    )
+    references, loads = plain["references"], tuple(plain["loads"])
+    rejected = dict.fromkeys(REASONS, 0) | plain["rejected"]
     if type(references) is not int or references < 0:
         raise DamagedCheckpointError("its references are not valid")
     counts = [settings.startup, settings.history, *(plain[name] for name in COUNTS), *loads, *rejected.values()]
-    if any(type(each) is not int or each < 0 for each in counts) or set(rejected) != set(REASONS):
+    if any(type(each) is not int or each < 0 for each in counts) or {*plain["rejected"], "too dense"} != set(REASONS):
         raise DamagedCheckpointError("its counts are not valid")
     if any(each > plain["samples"] for each in loads) or plain["record_began"] >= max(plain["samples"], 1):
         raise DamagedCheckpointError("its changes are not valid")
