@@ -142,6 +142,8 @@ def test_a_number_at_the_terminal_is_short_whatever_its_size(value: float) -> No
         (over([], "s"), "none"),
         (power_of_ten(0.01), "0.01"),
         (power_of_ten(1e5), "10⁵"),
+        (power_of_ten(math.inf), ""),
+        (power_of_ten(math.nan), ""),
         (symbol("a10"), "a₁₀"),
         (symbol("bias"), "bias"),
         (gain_unit("flow [1/min]", "y [m]"), "m/(1/min)"),

@@ -19,7 +19,10 @@ from replant.report.figures import (
     draw_correlations,
     draw_excitation,
     draw_fit,
+    draw_outputs,
+    draw_overlay,
     draw_poles_and_zeros,
+    draw_responses,
     draw_spectrum,
     draw_step,
     draw_transients,
@@ -29,6 +32,7 @@ from replant.report.figures import (
 from replant.report.findings import excitation
 from replant.report.panels import regions, zero_covariance
 from support.builders import with_model
+from support.cases import every
 
 
 def curves(axis) -> dict[str, np.ndarray]:
@@ -293,3 +297,42 @@ def test_the_true_plant_of_a_simulated_record_is_drawn_beside_the_model(plain) -
     poles = curves(draw_poles_and_zeros(plain.result, truth=truth))["true poles"]
     np.testing.assert_array_equal(poles, np.column_stack([truth.poles.real, truth.poles.imag]))
     assert "true" not in {line.get_label() for line in draw_step(plain.result).get_lines()}
+
+
+@every(
+    ("draw", "words"),
+    [
+        (lambda r, y, dt: draw_fit(r, y, y, dt, output_label=1.0), "output_label must be a str"),
+        (lambda r, y, dt: draw_transients(r, dt, input_label=None), "input_label must be a str"),
+        (lambda r, y, dt: draw_bode(r, dt, truth=r), "truth must be a TransferFunction or None"),
+        (lambda r, y, dt: draw_step(r.model), "result must be a Result"),
+        (lambda r, y, dt: draw_step(r, truth=[1.0]), "truth must be a TransferFunction or None"),
+        (lambda r, y, dt: draw_poles_and_zeros(None), "result must be a Result"),
+        (lambda r, y, dt: draw_poles_and_zeros(r, truth="G"), "truth must be a TransferFunction or None"),
+        (lambda r, y, dt: draw_excitation(y, dt), "found must be an Excitation or None"),
+        (lambda r, y, dt: draw_excitation(None, dt, clock=y), "clock must be a Clock or None"),
+        (lambda r, y, dt: draw_spectrum("white", y, dt), "noise must be a NoiseModel or None"),
+        (lambda r, y, dt: draw_spectrum(None, None, dt), "residual must hold real numbers"),
+        (lambda r, y, dt: draw_spectrum(None, y, "1"), "dt must be a number"),
+        (lambda r, y, dt: draw_outputs(r, y, dt), "results must be a dict of Result"),
+        (lambda r, y, dt: draw_outputs({}, y, dt), "results must be a dict of Result"),
+        (lambda r, y, dt: draw_outputs({"a": r}, y[1:], dt), "y must be the record of the results, 4000 samples long"),
+        (lambda r, y, dt: draw_overlay({"a": y}, dt), r"results\['a'\] must be a Result"),
+        (lambda r, y, dt: draw_overlay({"a": r}, dt, reference="b"), "reference must be one of 'a', got 'b'"),
+        (lambda r, y, dt: draw_responses({"a": r}, None), "dt must be a number"),
+        (lambda r, y, dt: draw_responses([r], dt), "results must be a dict of Result"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_drawn_is_named_in_a_line(plain, draw, words) -> None:
+    result, _, y, dt = record(plain)
+    with pytest.raises(rp.ReplantError, match=f"^{words}") as caught:
+        draw(result, y, dt)
+    assert "\n" not in str(caught.value)
+
+
+def test_estimates_of_other_coefficients_are_not_drawn_over_each_other(plain) -> None:
+    """The same place in two structures is another coefficient: a0 of one pole was drawn over a1 of two."""
+    result, u, y, dt = record(plain)
+    other = rp.run(u, y, dt, poles=1)
+    with pytest.raises(InvalidArgumentError, match="the same coefficients: 'one' has a0, b0, 'two' a1, a0"):
+        draw_overlay({"one": other, "two": result}, dt)

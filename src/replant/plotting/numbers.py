@@ -156,7 +156,7 @@ def over(values: Any, unit: str) -> str:
 
 def power_of_ten(value: float) -> str:
     """Return a short label of a decade."""
-    if value <= 0:
+    if not 0.0 < value < math.inf:  # outside of a logarithmic axis
         return ""
     exponent = round(math.log10(value))
     return f"{value:g}" if -3 < exponent < 4 else "10" + str(exponent).translate(_SUPERSCRIPT)

@@ -24,13 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from replant.errors import InvalidArgumentError
+from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.fitting.log_inspection import Inspection
 from replant.fitting.responses import Bode, StepResponse, frequencies
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import accepted
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import FloatArray, instance, owned, record
+from replant.numerics.arguments import FloatArray, instance, one_of, owned, record, text, vector
 from replant.numerics.limits import duration, file_path
 from replant.numerics.residuals import Correlations, periodogram
 from replant.online.runs.result import Clock, Result
@@ -93,6 +93,7 @@ def draw_fit(
         If ``u`` and ``y`` are not the record of the result.
     """
     result = instance("result", result, Result)
+    input_label, output_label = _labels(input_label, output_label)
     axes = axes_for("axes", axes, 3, (9.0, 6.6), sharex=True, height_ratios=(1, 2, 1))
     dt, (u, y) = duration("dt", dt), (accepted(signal)[0] for signal in record(u, y))
     model = result.simulation.output
@@ -131,11 +132,25 @@ def draw_transients(
     """
     result = instance("result", result, Result)
     dt, count = duration("dt", dt), result.structure.size
+    input_label, output_label = _labels(input_label, output_label)
     true = None if truth is None else owned("truth", truth, (count,)).tolist()
     shown = panels.estimate_panels(result, dt, true, input_label, output_label)
     drawn = draw_panels(_for_parameters(axes, count, 1.3), shown, SHOWN_SMALL, titled=True)
     style.legend(drawn[0])
     return drawn
+
+
+def _labels(input_label: str, output_label: str) -> tuple[str, str]:
+    """Return the labels of input and output, checked."""
+    return text("input_label", input_label), text("output_label", output_label)
+
+
+def _several(results: Mapping[str, Result], reference: str | None = None) -> tuple[dict[str, Result], str]:
+    """Return several results by name, checked, and the name of the one that the others are drawn beside."""
+    if not isinstance(results, Mapping) or not results:
+        raise ArgumentTypeError("results must be a dict of Result by the name of the method, of at least one")
+    found = {text("results", name): instance(f"results[{name!r}]", result, Result) for name, result in results.items()}
+    return found, next(iter(found)) if reference is None else one_of("reference", reference, tuple(found))
 
 
 def _for_parameters(axes: Any, count: int, rest: float) -> list[Any]:
@@ -179,8 +194,16 @@ def draw_overlay(
     input_label, output_label : str
         With the unit in brackets at the end, if it is known; of the input after its map.
     """
-    chosen = reference or next(iter(results))
-    axes = _for_parameters(axes, results[chosen].structure.size, 1.7)
+    results, chosen = _several(results, reference)
+    dt, (input_label, output_label) = duration("dt", dt), _labels(input_label, output_label)
+    names = results[chosen].structure.names
+    for name, result in results.items():
+        if result.structure.names != names:
+            raise InvalidArgumentError(
+                f"results must have the same coefficients: {chosen!r} has {', '.join(names)}, {name!r} "
+                f"{', '.join(result.structure.names)}"
+            )
+    axes = _for_parameters(axes, len(names), 1.7)
     drawn = panels.overlay_panels(results, dt, chosen, input_label, output_label)
     return draw_panels(axes, drawn, SHOWN_SMALL, titled=True)
 
@@ -189,6 +212,13 @@ def draw_outputs(
     results: Mapping[str, Result], y: FloatArray, dt: float, *, axes: Any = None, output_label: str = "output"
 ) -> Any:
     """Draw each method's simulated output over the measured one, whole and the last tenth; return two axes."""
+    results, _ = _several(results)
+    y, dt, output_label = vector("y", y), duration("dt", dt), text("output_label", output_label)
+    for result in results.values():
+        if result.simulation.output.size != y.size:
+            raise InvalidArgumentError(
+                f"y must be the record of the results, {result.simulation.output.size} samples long, got {y.size}"
+            )
     axes = axes_for("axes", axes, 2, (9.0, 5.4))
     return draw_panels(axes, panels.output_panels(results, y, dt, output_label), SHOWN_SMALL)
 
@@ -209,6 +239,7 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, cl
     clock : Clock, optional
         Of an irregular clock.
     """
+    found, clock = instance("found", found, Excitation, None), instance("clock", clock, Clock, None)
     dt = duration("dt", dt)
     axes = axes_for("axes", axes, 2, (9.0, 4.2), sharex=True)
     drawn = draw_panels(axes, panels.excitation_panels(found, clock or Clock(dt)))
@@ -249,6 +280,7 @@ def draw_poles_and_zeros(result: Result, *, truth: TransferFunction | None = Non
     ax : matplotlib axes, optional
         Drawn into; without it a figure is made.
     """
+    result, truth = instance("result", result, Result), instance("truth", truth, TransferFunction, None)
     return panels.draw_poles_of({"model": result.model}, ax, truth=truth)
 
 
@@ -276,6 +308,8 @@ def draw_bode(
         With the unit in brackets at the end, if it is known.
     """
     result, dt = instance("result", result, Result), duration("dt", dt)
+    truth = instance("truth", truth, TransferFunction, None)
+    input_label, output_label = _labels(input_label, output_label)
     with np.errstate(all="ignore"):
         found = result.model.bode(frequencies(result.transfer_function, dt))
     true = None if truth is None else Bode.of(truth, None, dt, found.frequency)
@@ -296,7 +330,8 @@ def draw_responses(
 
     The response of the ``reference``, by default the first, sets the limits: curves far beyond it are cut off.
     """
-    chosen, unit = reference or next(iter(results)), gain_unit(input_label, output_label)
+    results, chosen = _several(results, reference)
+    dt, unit = duration("dt", dt), gain_unit(*_labels(input_label, output_label))
     found = responses_of(results, dt, chosen)
     return diagrams.draw_bode(found, axes, reference=chosen, unit=unit, size=(9.0, 5.4))
 
@@ -332,6 +367,8 @@ def draw_step(
     input_label, output_label : str
         With the unit in brackets at the end, if it is known.
     """
+    result, truth = instance("result", result, Result), instance("truth", truth, TransferFunction, None)
+    input_label, output_label = _labels(input_label, output_label)
     (axis,) = axes_for("ax", ax, 1, (6.2, 3.4))
     with np.errstate(all="ignore"):
         step = result.model.step()
@@ -353,7 +390,8 @@ def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, 
     ax : matplotlib axis, optional
         Drawn into; without it a figure is made.
     """
-    found = periodogram(residual, dt)
+    noise, dt = instance("noise", noise, NoiseModel, None), duration("dt", dt)
+    found = periodogram(vector("residual", residual), dt)
     if found is None or not (found[1] > 0.0).any():
         return diagrams.draw_spectrum({}, ax)
     curves = {"residual": found}
