@@ -281,8 +281,7 @@ class Problem:
             return None
         settled, moved = max(renewals, default=0), math.inf
         costs: list[float] = []  # of the steps since the noise model was last renewed
-        stuck, halved = False, 0  # whether no step lowers the cost
-        is_own = not renewals  # whether the noise model is that of this very model, or stays
+        stuck, halved = False, 0  # whether no step lowers the last of them
 
         def cost(tried: FloatArray, done: Pass) -> float:
             is_allowed = math.isfinite(done.cost) and (not stable or self.is_stable(tried))
@@ -292,9 +291,8 @@ class Problem:
             if self.is_rounding(done):
                 moved = 0.0
                 break
-            if step in renewals or stuck:  # beside another noise model a step may lower the cost
+            if step in renewals:
                 self.renew_noise(done)
-                stuck, is_own = False, True
             zeta, white = self.whiten(done.zeta), self.whiten(done.error)
             variance = max(sum_of_squares(white) / self.record.count, 1e-300)
             own, better = self.misfit(done), None
@@ -316,11 +314,8 @@ class Problem:
                 if better is not None:
                     break
             if better is None:
-                stuck, halved = True, 0
-                if is_own or step > settled:
-                    break
-                continue
-            is_own = not renewals
+                stuck = step > settled
+                break
             model, done, halved = better
             if moved < STILL and step >= settled:
                 break
