@@ -1,10 +1,10 @@
 """Plain loops on NumPy arrays, compiled to a native library when the package is built.
 
-Kernels get arrays and give arrays; of the rest of replant they know its errors alone.  All state of an identifier lies
-in five arrays, of which kernels have each number by its name: ``s.alarm``, ``s.theta[i]``, as `schema` lists them.  A
-few flat arrays instead of many small ones keep a call near 0.3 µs, and no model order needs its own compilation.
+Kernels take and return arrays; of the rest of replant they import the errors alone.  All state of an identifier lies in
+five arrays.  Kernels access each number by the name that `schema` gives it: ``s.alarm``, ``s.theta[i]``.  A few flat
+arrays instead of many small ones keep a call near 0.3 µs, and no model order needs its own compilation.
 
-A reader starts with `step.gradient.take`: what happens to one sample, from its arrival to the new estimate.  `native`
-says how Python calls them; tools/translator/__init__.py, what of Python they may use.
+Start reading at `step.gradient.take`: it takes one sample from its arrival to the new estimate.  `native` defines how
+Python calls kernels; tools/translator/__init__.py lists the subset of Python that they may use.
 benchmarks/kernels.py measures them beside C.
 """

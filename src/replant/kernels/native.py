@@ -1,9 +1,9 @@
-"""Kernels as Python calls them: compiled to a native library by the build, or interpreted.
+"""Calls of kernels from Python: compiled to a native library by the build, or interpreted.
 
-`kernel` marks what Python calls, with the types of its arguments as annotations, and what must hold of their lengths.
-The library checks both before a kernel runs: what does not fit is an error, never a crash.
+`kernel` marks a function that Python calls.  Its annotations are the types of the arguments; its requirements are
+conditions on their lengths.  The library checks both before a kernel runs: a wrong argument is an error, never a crash.
 
-In a clone the library is made by the build, and made again here, in seconds, where the kernels have changed since.
+In a clone the library is compiled by the build, and again here, in seconds, if the kernels have changed since.
 """
 
 import ctypes
@@ -34,16 +34,16 @@ LIBRARY = (
     FOLDER / "compiled" / {"win32": "libreplant.dll", "darwin": "libreplant.dylib"}.get(sys.platform, "libreplant.so")
 )
 KERNELS: list["Kernel"] = []  # in the order in which they were defined
-# addresses and shapes of five arrays, the gate, which step; its size
+# addresses and shapes of five arrays, the gate, the number of the step kernel; the size of the table
 INTS, REALS, BANKS, BUFFER, RECENT, GATE, KIND, SIZE = 0, 2, 4, 7, 10, 13, 14, 15  # places in a step's table [index]
-OPEN, SHUT = 0, 1  # values of the gate: samples are taken, or refused because another call is under way [number]
+OPEN, SHUT = 0, 1  # values of the gate: samples are taken, or refused because another call is running [number]
 
-# What must hold of a state's arrays, see `replant.kernels.step.soundness`.
+# Conditions on the arrays of a state, see `replant.kernels.step.soundness`.
 LAID_OUT: Final = "is_laid_out(s, s.reals.size, s.banks.shape[0], s.banks.shape[1])"
 IS_SOUND: Final = "is_sound(s)"
-#: Of kernels that go on from an estimate: what a state that still collects has not filled in is looked at as well.
+#: For kernels that need an estimate: `is_sound` does not check everything while the state still collects samples.
 LEARNS: Final = "not s.collects"
-#: Of kernels that take many samples.
+#: For kernels that take many samples.
 AS_MANY: Final = (
     "y.size == u.size and errors.size >= u.size",
     "(t.size == 0 or t.size == u.size) and (r.size == 0 or r.size == u.size)",
@@ -55,7 +55,7 @@ _loading = threading.Lock()
 
 
 class Kernel:
-    """A kernel that Python calls; `python` is the function as it is written."""
+    """A kernel that Python calls; `python` is the function in Python."""
 
     def __init__(self, function: Callable[..., Any], requirements: tuple[str, ...]) -> None:
         functools.update_wrapper(self, function)
@@ -64,22 +64,22 @@ class Kernel:
         self._compiled: Callable[..., Any] | None = None
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run it, compiled unless `interpreted` says otherwise."""
-        if _interpreted or isinstance(arguments[0], Fields):  # fields: the caller is interpreted, too
+        """Run the compiled kernel, or the Python function within `interpreted`."""
+        if _interpreted or isinstance(arguments[0], Fields):  # a caller that passes fields is itself interpreted
             return self.python(*self._fields(arguments))
         if self._compiled is None:
             self._compiled = library().kernel(self.name)
         return self._compiled(*arguments)
 
     def _fields(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return the arguments as the function has them: a state is given as its five arrays."""
+        """Return the arguments of the Python function: the five arrays of a state become its fields."""
         if isinstance(arguments[0], Fields) or StateArrays not in self.python.__annotations__.values():
             return arguments
         return (StateArrays(*arguments[:5]).fields, *arguments[5:])
 
 
 def kernel(*requirements: str) -> Callable[[Callable[..., Any]], Kernel]:
-    """Return the decorator of what Python calls; each requirement, "models.size >= variances.size", must then hold."""
+    """Return the decorator of a kernel; the library checks its requirements, e.g. "models.size >= variances.size"."""
 
     def mark(function: Callable[..., Any]) -> Kernel:
         KERNELS.append(Kernel(function, requirements))
@@ -89,28 +89,28 @@ def kernel(*requirements: str) -> Callable[[Callable[..., Any]], Kernel]:
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Mark what melts into its callers: a small part of a loop, where a call would cost more than it does."""
+    """Mark a function to be inlined: a small part of a loop, where the call would cost more than its body."""
     return function
 
 
 def short_loops(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Mark a kernel whose loops, but for those over `side_by_side`, have too few passes to compute several at once."""
+    """Mark a kernel whose loops, except those over `side_by_side`, have too few passes to be vectorised."""
     return function
 
 
 def side_by_side(end: int) -> range:
-    """Return the passes of a loop of which none needs what another one has done: several may be computed at once."""
+    """Return the passes of a loop that do not depend on each other: the compiler may vectorise it."""
     return range(end)
 
 
 def in_turn(first: int, end: int) -> range:
-    """Return the passes of a loop that are computed one by one: several at once would take longer."""
+    """Return the passes of a loop that is not vectorised, as that would be slower."""
     return range(first, end)
 
 
 @contextmanager
 def interpreted() -> Iterator[None]:
-    """Run kernels as the Python functions that they are, a thousand times as slow: for tests."""
+    """Run kernels as Python functions, a thousand times slower: for tests."""
     global _interpreted
     kept, _interpreted = _interpreted, True
     try:
@@ -121,7 +121,7 @@ def interpreted() -> Iterator[None]:
 
 
 class Api(ctypes.Structure):
-    """What the library needs of Python, by name: it is linked with none, and serves every version."""
+    """The functions of CPython that the library uses: it links to no libpython, and fits any version."""
 
     NAMES = (
         "PyFloat_AsDouble", "PyFloat_FromDouble", "PyLong_AsLongLong", "PyLong_FromLongLong", "PyBool_FromLong",
@@ -157,18 +157,18 @@ class Library:
         given = {"type_error": TypeError, "value_error": ValueError}
         self._api = Api(**found, **given, contiguous=np.ascontiguousarray)
         self._library.replant_connect(ctypes.byref(self._api))
-        # a function of its own: `ctypes.pythonapi.PyCFunction_NewEx` belongs to the process
+        # a separate prototype: setting the types of `ctypes.pythonapi.PyCFunction_NewEx` would change it process-wide
         made = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
         self._new = made(("PyCFunction_NewEx", ctypes.pythonapi))
 
     def kernel(self, name: str) -> Callable[..., Any]:
-        """Return a kernel."""
+        """Return a compiled kernel by its name."""
         return self._new(self._library.replant_call_definition(), self._numbers[name], None)  # type: ignore[no-any-return]
 
     def table(self, name: str, arrays: tuple[np.ndarray, ...]) -> bytearray:
         """Return the addresses and shapes of a state's arrays, for `step`."""
-        # a call with five arrays takes longer than most steps: their types and shapes are looked up each time; the
-        # arrays of a state do not move, so that a table replaces them
+        # checking types and shapes of five arrays takes longer than most steps; the arrays of a state do not move, so
+        # a table of their addresses replaces them
         numbers: list[int] = []
         for place, array in enumerate(arrays):
             kind = np.float64 if place else np.int64
@@ -181,14 +181,14 @@ class Library:
         return bytearray(np.array([*numbers, SHUT, number], np.int64).tobytes())
 
     def step(self, table: bytearray, arrays: tuple[np.ndarray, ...]) -> tuple[Callable[..., float], np.ndarray]:
-        """Return a function of (u, y, t, r) that takes one sample by a step kernel, and its gate (1,), shut."""
+        """Return a function of (u, y, t, r) that takes one sample with a step kernel, and its gate (1,), shut."""
         call = self._new(self._library.replant_step_definition(), (table, Attention, *arrays), None)
         return call, np.frombuffer(table, np.int64)[GATE : GATE + 1]
 
 
 def library() -> Library:
-    """Return the native library, built first where this is a clone whose kernels have changed."""
-    # threads wait for the first of them; processes do not: each puts a whole library in its place
+    """Return the native library; in a clone, compile it first if the kernels have changed."""
+    # threads wait for the one that compiles; processes need not, as each replaces the file by a complete library
     with _loading:
         return _loaded()
 
@@ -210,24 +210,24 @@ def _loaded() -> Library:
 
 
 def source_hash(kernels: Path, builder: Path) -> str:
-    """Return the hash of all that the library is made from, and for: two systems may share a clone."""
-    libc = getattr(sys.implementation, "_multiarch", "")  # tells musl from glibc
+    """Return the hash of the library's sources and of the platform: two systems may share a clone."""
+    libc = getattr(sys.implementation, "_multiarch", "")  # distinguishes musl from glibc
     digest = hashlib.sha256(f"{sys.platform} {platform.machine()} {libc}".encode())
     made_from = [*kernels.rglob("*.py"), *(path for suffix in ("py", "c", "h") for path in builder.glob(f"*.{suffix}"))]
-    for path in sorted(path for path in made_from if not path.name.startswith(".")):  # an editor's locks are no source
+    for path in sorted(path for path in made_from if not path.name.startswith(".")):  # not an editor's lock files
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:32]
 
 
 def _builder() -> Path | None:
-    """Return the folder of the translator where this is a clone, else None."""
+    """Return the folder of the translator in a clone, else None."""
     root = FOLDER.parents[2]
     return root / "tools/translator" if (root / "tools/translator/library.py").exists() else None
 
 
 def _source_of(path: Path) -> str:
-    """Return the hash that a library carries, "" where there is none."""
+    """Return the source hash stored in a library, "" if there is none."""
     content = path.read_bytes() if path.exists() else b""
     _, found, rest = content.partition(b"replant-source:")
     return rest[:32].decode("ascii", "replace") if found else ""

@@ -1,12 +1,12 @@
 """The schema of an identifier's state: each number declared once, for kernels and checkpoint.
 
 An identifier's state is five arrays: ``ints`` (int64), ``reals`` (float64), three filter banks, the replay buffer and
-the newest raw samples.  `StateSlots` lists what lies in the first two.  From the list come
+the newest raw samples.  `StateSlots` lists the numbers of the first two.  The list defines
 
-* the fields that kernels have, ``s.alarm``, ``s.error``, ``s.theta[i]``, ``s.noise.models[j, i]``: in C a struct, in
-  the interpreter a `Fields`;
-* the properties of `replant.estimation.engine.state.State`, by the same names;
-* the layout and the check of a checkpoint: the ranges are checked when one is loaded.
+* the fields of kernels, ``s.alarm``, ``s.error``, ``s.theta[i]``, ``s.noise.models[j, i]``: a struct in C, a `Fields`
+  in the interpreter;
+* the properties of `replant.estimation.engine.state.State`, with the same names;
+* the layout of a checkpoint, and the ranges that are checked when one is loaded.
 
 To add a number, add a line.  `FIXED` and `DIMENSIONS` have the dimensions of blocks.
 """
@@ -36,46 +36,46 @@ from replant.kernels.slot_tables import (
 
 Ints = np.ndarray[Any, np.dtype[np.int64]]
 
-# a step apart, so that the oldest is three to four steps old: of the most that is held out at least three quarters are;
-# with two it were a half, and eight take twice the room for an eighth more
-PAST: Final = 4  # past estimates kept; what came after the oldest is held out from it, for assessment [count]
+# kept one step apart, so the oldest is three to four steps old: the samples held out are at least three quarters of the
+# most; two estimates would give a half, eight would add an eighth for twice the room
+PAST: Final = 4  # past estimates kept; the samples after the oldest are held out from it, for assessment [count]
 
 LAGS: Final = 4
 """Order of the residual's autoregression [samples].
-Origin: with eight, right estimates under slow noise are no longer trusted; with two, less colour is taken.
-Sensitivity: halved, cannot be: it crashes; doubled, right estimates no longer trusted: 'noise of 1 s', 'slow noise',
+Origin: with eight, right estimates under slow noise are no longer trusted; two model less of the colour.
+Sensitivity: halved, the program fails; doubled, right estimates no longer trusted: 'noise of 1 s', 'slow noise',
 'gaps', 'a little nonlinear'; error of 'gaps' times 1.3.
 """
 
 LAGUERRE: Final = 12
-"""Laguerre functions of a reference [count].
-Origin: beside 150 taps of a finite response the same errors within 3 % where these reach far enough, smaller ones where
-the noise is slow.
+"""Number of Laguerre functions that a reference is expanded in [count].
+Origin: compared with a finite impulse response of 150 taps, errors are the same within 3 % if the taps span the
+response, and smaller under slow noise.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-# 32 rows know the standard deviation of white noise to an eighth
-ROOM: Final = 64  # rows of the estimate's path; once the record is long at least half of them are in use [count]
-LINE: Final = 64  # a line of the processor's cache [bytes]
-# its square, and sums of such, are still far inside float64
+# 32 rows estimate the standard deviation of white noise to an eighth
+ROOM: Final = 64  # rows of the estimate's path; in a long record at least half of them are in use [count]
+LINE: Final = 64  # cache line of the processor [bytes]
+# its square, and sums of squares, are far inside float64
 LARGEST: Final = 1e150  # largest magnitude of a sample that is accepted [number]
-# 2e-9 for normal noise
-OUTLYING: Final = 6.0  # distance of a residual from what is expected that makes an outlier [robust standard deviations]
+# probability 2e-9 in normal noise
+OUTLYING: Final = 6.0  # distance of a residual from its expected value that is an outlier [robust standard deviations]
 
-# Columns of the raw samples kept; a state that does not examine its outputs has the first three, the last one stands
-# where there is a reference.
+# Columns of the raw samples kept.  A state that does not examine outputs has the first three; the last one exists only
+# with a reference.
 INPUT, OUTPUT, STEP, BRIDGED, DOUBTED, REFERENCE = range(6)
 
-BELIEVED: Final = -1  # HELD_AT while a sample that was held back, or a record already judged, is taken [number]
-# more than the 40 that a clock that was set counts as; at half as many its every first sample would leap; a misread
-# stamp that is less ahead costs the samples up to it: twice as many are more than learning may stand still for
-LEAP: Final = 50.0  # interval beyond which a stamp leaps ahead: its successor must confirm it [sampling times]
-# seconds since 1970 reach it at 26 kHz; a tenth of it would refuse them at 3 kHz, ten times it lets jitter of 10 % in
-FARTHEST: Final = 0.01 * 2.0**52  # time beyond which stamps are no better than a hundredth of one [sampling times]
+BELIEVED: Final = -1  # HELD_AT while a sample is taken without the test for leaps: held back or judged before [number]
+# above the 40 sampling times that a reset clock counts as: at half, the first sample after each reset would leap; a
+# misread stamp that is less far ahead costs the samples up to it: at twice, learning would pause for too long
+LEAP: Final = 50.0  # interval beyond which a stamp leaps ahead: the next one must confirm it [sampling times]
+# seconds since 1970 reach it at 26 kHz; a tenth would reject them at 3 kHz, ten times would admit jitter of 10 %
+FARTHEST: Final = 0.01 * 2.0**52  # time at which the resolution of stamps is 1 % of a sampling time [sampling times]
 
 MOST_EARLIER: Final = 10
-"""Stamps in a row that advance, but lie before the newest accepted one, after which the clock was set [samples].
-Origin: a packet of ten samples that comes twice sets no clock; a clock that is set costs as many samples.
+"""Advancing stamps in a row before the newest accepted one, after which the clock counts as reset [samples].
+Origin: a packet of ten samples that arrives twice must not count as a reset; a reset costs as many samples.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -89,11 +89,11 @@ DIMENSIONS: Final = {
     "S": "settings_size",
     "RING": "ring_size",
     "PATH": "path_size",  # ROOM, or 0
-    "Q": "ring_size * has_reference",  # past inputs kept where there is a reference
-    "L": f"{LAGUERRE + 1} * has_reference",  # Laguerre functions of the reference, and one more
+    "Q": "ring_size * has_reference",  # past inputs kept with a reference
+    "L": f"{LAGUERRE + 1} * has_reference",  # Laguerre functions of the reference, and a constant
 }
 
-# Who writes a slot.
+# The part that writes a slot.
 LAYOUT = "layout"  # once, when the state is laid out from the settings
 IDENTIFIER = "identifier"  # above the kernels: start-up, solving again, the user's freeze
 CLOCK = "clock"
@@ -105,34 +105,34 @@ STEP_KERNEL = "step"
 
 
 class Alarm(IntEnum):
-    """What is known of a residual that has grown."""
+    """State of the alarm on a residual that has grown."""
 
     NONE = 0
-    RAISED = 1  # the CUSUM test has just found it
-    LOOKED_INTO = 2  # a model of what came since is looked for; learning goes on
-    RESTS = 3  # the same, and nothing is learned meanwhile
-    FLOATS = 4  # no model explains the output, as with a cable that floats: nothing is learned until it ends
+    RAISED = 1  # the CUSUM test has just raised it
+    LOOKED_INTO = 2  # a model of the samples since is sought; learning goes on
+    RESTS = 3  # the same, and learning pauses
+    FLOATS = 4  # no model explains the output, as with a disconnected cable: learning pauses until this ends
 
 
 class Supposition(IntEnum):
-    """What has changed where a residual has grown; see `replant.estimation.solver.change_contest`."""
+    """What has changed when a residual has grown; see `replant.estimation.solver.change_contest`."""
 
     NOTHING = 0
-    NOISE = 1  # its variance or colour
+    NOISE = 1  # variance or colour of the noise
     LOAD = 2  # offset and initial state
-    PART = 3  # these and some directions of the coefficients, the gain say
+    PART = 3  # these and some directions of the coefficients, such as the gain
     PLANT = 4  # these and every coefficient
-    CUT = 5  # the output no longer answers to the input
+    CUT = 5  # the output no longer responds to the input
     WHOLE = 6  # not the plant: the model was wrong
 
     @property
     def is_of_plant(self) -> bool:
-        """Whether the output answers to the input otherwise from the change on."""
+        """Whether the response of the output to the input has changed."""
         return self in (Supposition.PART, Supposition.PLANT, Supposition.CUT)
 
 
 class Doubt(IntEnum):
-    """Why the newest output was bridged by the model's."""
+    """Why the model's output replaces the newest output."""
 
     NONE = 0
     OUTLIER = 1
@@ -140,47 +140,47 @@ class Doubt(IntEnum):
     MISSING = 3  # no output came
 
 
-# where a solution says that another load acts since
-LOAD = -1  # in place of the `Doubt` in a sample that is kept, and in none [number]
+# stored in place of the `Doubt` of the sample at which a solution has found a new load
+LOAD = -1  # mark of a change of load in the raw samples kept [number]
 
 
 class ColourSlots(Part):
     """Power and colour of the residual e; see `replant.kernels.monitoring.scatter`."""
 
-    count = Real("residuals, forgotten ones counted in part", OPTIMIZER, finite=False)
+    count = Real("effective number of residuals, after forgetting", OPTIMIZER, finite=False)
     power = Real("sum of e^2 / alpha: unbiased by the parameters' own error", OPTIMIZER, finite=False)
     position = Real("row of `filtered` that holds the newest one", OPTIMIZER, least=0.0, most=LAGS - 1.0)
     model = Block("LAGS + 1", "D(q): 1, d_1 .., the autoregression D(q) e = w", FILTERS, finite=False)
     covariances = Block("LAGS + 1", "sums of e_k e_{k - lag}", OPTIMIZER, finite=False)
     errors = Block("LAGS", "the last residuals, newest first", OPTIMIZER, finite=False)
     filtered = Block("LAGS, T", "zeta / D(q) of the last samples, a ring", OPTIMIZER, finite=False)
-    squares = Block("T, T", "Q, the sum of zeta_f zeta_f'", OPTIMIZER, finite=False)
+    squares = Block("T, T", "Q, sum of zeta_f zeta_f'", OPTIMIZER, finite=False)
 
 
 class NoiseSlots(Part):
     """The noise model, an autoregression of the residual; see `replant.kernels.filters.whitening`."""
 
     order = Real("p, order in use", FILTERS, least=0.0, most=float(LAGS))
-    filters = Real("1: rows are filtered by it; 0: it is only kept", IDENTIFIER, least=0.0, most=1.0)
+    filters = Real("1: rows are filtered by the model; 0: it is only kept", IDENTIFIER, least=0.0, most=1.0)
     gain = Real("V_p / V_0 of the model that the covariance was begun with", IDENTIFIER, least=0.0)
-    count = Real("residuals in `sums`, forgotten ones counted in part", OPTIMIZER, least=0.0)
+    count = Real("effective number of residuals in `sums`, after forgetting", OPTIMIZER, least=0.0)
     known = Real("rows in `rows` without a break, the newest included", FILTERS, least=0.0, most=LAGS + 1.0)
     position = Real("row of `rows` that holds the newest one", FILTERS, least=0.0, most=float(LAGS))
     models = Block("LAGS + 1, LAGS + 1", "row j: D(q) of order j: 1, d_1 .. d_j, 0 ..", FILTERS)
-    variances = Block("LAGS + 1", "V_j, of the residual filtered by it", FILTERS, "sigma_y^2")
+    variances = Block("LAGS + 1", "V_j, variance of the residual filtered by row j", FILTERS, "sigma_y^2")
     sums = Block("LAGS + 1, LAGS + 1", "of e_(k-i) e_(k-j), lower triangle", OPTIMIZER, "sigma_y^2", finite=False)
     rows = Block("LAGS + 1, 2 * T + 1", "phi, zeta and target of the last samples, a ring", FILTERS, finite=False)
 
 
 class ReferenceSlots(Part):
-    """What the reference explains of input and output; see `replant.kernels.filters.reference`."""
+    """The parts of input and output that a reference explains; see `replant.kernels.filters.reference`."""
 
     pole = Real("a, pole of the Laguerre functions", IDENTIFIER, least=0.0, most=1.0)
     origin = Real("r_0, which is subtracted from the reference", IDENTIFIER, "of r")
-    states = Block("L", "the functions' states at the newest sample, and one", FILTERS, "of r")
-    weights = Block("2, L", "of the input and of the output", OPTIMIZER, finite=False)
-    factors = Block("L, L", "U of their covariance U D U'", OPTIMIZER, finite=False)
-    diagonal = Block("L", "D", OPTIMIZER, finite=False)
+    states = Block("L", "states of the functions at the newest sample, and a one", FILTERS, "of r")
+    weights = Block("2, L", "weights of the states: for the input, for the output", OPTIMIZER, finite=False)
+    factors = Block("L, L", "U of the weights' covariance U D U'", OPTIMIZER, finite=False)
+    diagonal = Block("L", "D of the same", OPTIMIZER, finite=False)
 
 
 class PathSlots(Part):
@@ -188,19 +188,19 @@ class PathSlots(Part):
 
     step = Real("learned samples between two rows", OPTIMIZER, finite=False)
     due = Real("learned samples at which the next row is due", OPTIMIZER, finite=False)
-    kept = Real("rows in use but for the one in the making", OPTIMIZER, least=0.0, most=float(ROOM - 1))
-    rows = Block("PATH, 2, T", "W and diagonal of P at some of them, and the last estimate", OPTIMIZER, finite=False)
+    kept = Real("complete rows", OPTIMIZER, least=0.0, most=float(ROOM - 1))
+    rows = Block("PATH, 2, T", "rows of W and the diagonal of P; the last estimate", OPTIMIZER, finite=False)
 
 
 class SumsSlots(Part):
-    """What a verdict without raw samples is made from; see `replant.kernels.monitoring.scatter`."""
+    """The data of a verdict without raw samples; see `replant.kernels.monitoring.scatter`."""
 
     count = Real("outputs that were measured and plausible", MONITORING, least=0.0)
-    output_mean = Real("their moving mean", MONITORING, "of y")
-    output_power = Real("their moving variance", MONITORING, "of y^2", least=0.0)
+    output_mean = Real("moving mean of these outputs", MONITORING, "of y")
+    output_power = Real("moving variance of these outputs", MONITORING, "of y^2", least=0.0)
     error_power = Real("moving mean square of the a-priori error", MONITORING, "of y^2", least=0.0)
-    missing = Real("newest samples in a row that came without an output", MONITORING, least=0.0)
-    refuted = Real("1: the samples of the start-up spoke against its model; else 0", IDENTIFIER, least=0.0, most=1.0)
+    missing = Real("newest samples in a row without an output", MONITORING, least=0.0)
+    refuted = Real("1: the samples of the start-up refuted its model; else 0", IDENTIFIER, least=0.0, most=1.0)
 
 
 class StateSlots(Table):
@@ -214,40 +214,38 @@ class StateSlots(Table):
     # --- structure and settings
     order = Integer("n, poles", LAYOUT)
     entries = Integer("T, entries of the regressor", LAYOUT)
-    parameter_count = Integer("P, how many of the entries the user asked for", LAYOUT)
-    input_entries = Integer("m + 1, how many of the entries come from the input", LAYOUT)
+    parameter_count = Integer("P, number of entries that are parameters of the plant", LAYOUT)
+    input_entries = Integer("m + 1, number of entries made of the input", LAYOUT)
     algorithm = Integer("code of the optimizer", LAYOUT)
     square_input = Flag("the input is squared first", LAYOUT)
     normalize = Flag("updates are divided by m^2 = 1 + phi' phi, (13) of the article", LAYOUT)
-    straight_input = Flag("the input runs straight between samples (first-order hold); else it is held", LAYOUT)
+    straight_input = Flag("the input is linear between samples (first-order hold); else it is held", LAYOUT)
     bilinear = Flag("the filters are the article's generalised bilinear ones; else exact", LAYOUT)
     has_constant = Flag("the regressor has a constant", LAYOUT)
     refined = Flag("the filter is 1/A of the estimate, with initial states as nuisances; else fixed", LAYOUT)
     instruments = Flag("the regressor has a noise-free companion", LAYOUT)
     has_noise_model = Flag("regressor, instruments and target are filtered by the noise model", LAYOUT)
     has_reference = Flag("instruments are made from a reference", LAYOUT)
-    collects = Flag("the start-up's samples are collected: there is no estimate yet", LAYOUT)
+    collects = Flag("samples of the start-up are collected: there is no estimate yet", LAYOUT)
     coloured = Flag("power and colour of the residual are kept", LAYOUT)
     examines_output = Flag("outputs are examined before they are learned", LAYOUT)
     memory_size = Integer("M, numbers of the optimizer's memory", LAYOUT)
     settings_size = Integer("S, numbers of the optimizer's settings", LAYOUT)
     ring_size = Integer("past inputs kept for the dead time", LAYOUT)
     recent_size = Integer("raw samples kept", LAYOUT)
-    path_size = Integer(
-        "rows of the estimate's path; 0 where few raw samples are kept: sums are followed instead", LAYOUT
-    )
+    path_size = Integer("rows of the estimate's path; 0 if few raw samples are kept: sums are kept instead", LAYOUT)
     past_step = Integer("most samples between two past estimates kept", LAYOUT)
-    rests_with_input = Flag("updates rest while the input rests", IDENTIFIER)
+    rests_with_input = Flag("updates pause while the input is at rest", IDENTIFIER)
     rest_after = Integer(
-        "samples of an input that stands still after which learning rests; 0: its variance alone decides", IDENTIFIER
+        "samples of a constant input after which learning pauses; 0: its variance alone decides", IDENTIFIER
     )
-    adapt = Flag("the estimate learns; the user's freeze clears it", IDENTIFIER)
+    adapt = Flag("the estimate learns; the user clears it to freeze the estimate", IDENTIFIER)
 
     # --- replay
     capacity = Integer("rows of the replay buffer", LAYOUT)
     batch_size = Integer("updates a sample once the buffer is warm", LAYOUT)
     warmup = Integer("rows that the buffer must exceed before batches begin", LAYOUT)
-    seed = Integer("of the random stream", LAYOUT, below=str(2**63))
+    seed = Integer("seed of the random stream", LAYOUT, below=str(2**63))
     drawn = Integer("position in the random stream", BUFFER)
     buffer_filled = Integer("rows of the buffer in use", BUFFER, below="capacity + 1")
     buffer_head = Integer("row that the next sample goes to", BUFFER, below="capacity")
@@ -257,24 +255,22 @@ class StateSlots(Table):
     samples = Integer("accepted samples", STEP_KERNEL)
     learned = Integer("accepted samples when the estimate last took one in", STEP_KERNEL, below="samples + 1")
     rested = Integer("samples that were not learned because the input rested or the estimate was frozen", STEP_KERNEL)
-    refused = Integer("updates undone because they left float64", STEP_KERNEL)
+    refused = Integer("updates undone because they overflowed", STEP_KERNEL)
     not_finite = Integer("rejected samples: NaN or infinite", STEP_KERNEL)
-    too_large = Integer("rejected samples: their square would leave float64", STEP_KERNEL)
+    too_large = Integer("rejected samples: their square would overflow", STEP_KERNEL)
     not_later = Integer("rejected samples: the time stamp does not advance", CLOCK)
-    too_dense = Integer("rejected samples: closer to the one before than the ring of past inputs reaches", CLOCK)
+    too_dense = Integer("rejected samples: so dense that the ring of past inputs does not span the dead time", CLOCK)
     time_leaps = Integer("rejected samples, or held back: the time stamp leaps ahead", CLOCK)
-    too_coarse = Integer("rejected samples: stamps as far from zero do not tell sampling times apart", CLOCK)
-    input_leaps = Integer("rejected samples, or held back: the input is far beyond all before", MONITORING)
-    no_output = Integer("samples without an output, of which the input alone was used", MONITORING)
-    no_reference = Integer("samples whose reference was not finite or too large: the one before was held", STEP_KERNEL)
+    too_coarse = Integer("rejected samples: stamps so far from zero do not resolve a sampling time", CLOCK)
+    input_leaps = Integer("rejected samples, or held back: the input is far beyond all earlier ones", MONITORING)
+    no_output = Integer("samples without an output: only the input was used", MONITORING)
+    no_reference = Integer("samples with a reference not finite or too large: the previous one was held", STEP_KERNEL)
     recent_head = Integer("row of the raw samples that the next one goes to", STEP_KERNEL)
     past_kept = Integer("past estimates kept so far", STEP_KERNEL, below="samples + 1")
     past_due = Integer(
         "accepted samples at which the next past estimate is kept", STEP_KERNEL, below="samples + past_step + 1"
     )
-    attention_at = Integer(
-        "accepted samples at which the identifier has something to do; 0: nothing planned", IDENTIFIER
-    )
+    attention_at = Integer("accepted samples at which the identifier has work to do; 0: none is planned", IDENTIFIER)
     solved_at = Integer("accepted samples when the record was last solved as a whole", IDENTIFIER, below="samples + 1")
     finished_at = Integer(
         "accepted samples when their record ended, if it was then solved", IDENTIFIER, below="samples + 1"
@@ -283,11 +279,11 @@ class StateSlots(Table):
         "accepted samples when the model was last known to be trusted while the input rested; 0: it is not",
         IDENTIFIER, below="samples + 1",
     )  # fmt: skip
-    attention = Flag("the identifier has something to do now, or the alarm was raised", STEP_KERNEL)
+    attention = Flag("the identifier has work to do now, or the alarm was raised", STEP_KERNEL)
 
-    # --- a sample that leaps, held back until its successor confirms it
+    # --- a sample that leaps, held back until the next one confirms it
     held_at = Integer(
-        "accepted samples and one more when it came; any other number: none is held",
+        "number of accepted samples plus one when it arrived; any other number: none is held",
         STEP_KERNEL,
         below="samples + 2",
     )
@@ -297,7 +293,7 @@ class StateSlots(Table):
     held_reference = Real("its reference", STEP_KERNEL, "of r", finite=False)
 
     # --- clock
-    gaps = Integer("interruptions after which the filters began anew", CLOCK)
+    gaps = Integer("interruptions after which the filters were restarted", CLOCK)
     gap_at = Integer("accepted samples before the last interruption", CLOCK, below="samples + 1")
     earlier_stamps = Integer("stamps in a row that advance but lie before the newest accepted one", CLOCK)
     interval = Real("nominal sampling time", LAYOUT, "s")
@@ -308,27 +304,27 @@ class StateSlots(Table):
     learn_from = Real("elapsed time until which learning waits after a gap", CLOCK, "s")
 
     # --- input and output
-    ring_head = Integer("where in the ring of past inputs the newest one lies", FILTERS, below="ring_size")
+    ring_head = Integer("place of the newest input in the ring of past inputs", FILTERS, below="ring_size")
     input_still = Integer("samples since the input last moved", MONITORING)
     input_offset = Real("working point, subtracted from the mapped input", LAYOUT, "of u")
     output_offset = Real("working point, subtracted from the output", LAYOUT, "of y")
     output_scale = Real("sigma_y", LAYOUT, "of y")
     delay = Real("dead time", LAYOUT, "s")
     input_now = Real("the delayed input at the newest sample", FILTERS, "of u")
-    unknown_input = Real("time until the input that acts is one of the record", FILTERS, "s", least=0.0)
-    input_by_reference = Real("what it explains of the newest input", FILTERS, "of u")
-    output_by_reference = Real("what it explains of the newest output", FILTERS, "of y")
-    reference_input_now = Real("what it explains of the delayed input", FILTERS, "of u")
+    unknown_input = Real("time until the delayed input is one of the record", FILTERS, "s", least=0.0)
+    input_by_reference = Real("part of the newest input that the reference explains", FILTERS, "of u")
+    output_by_reference = Real("part of the newest output that the reference explains", FILTERS, "of y")
+    reference_input_now = Real("part of the delayed input that the reference explains", FILTERS, "of u")
     reference_now = Real("newest reference", STEP_KERNEL, "of r")
-    last_output = Real("the output before, as the filters saw it", FILTERS, "of y")
+    last_output = Real("the previous output as the filters saw it", FILTERS, "of y")
     input_mean = Real("moving mean of the input", MONITORING, "of u")
     input_power = Real("moving variance of the input", MONITORING, "of u^2", least=0.0)
-    largest_power = Real("largest that it has been", MONITORING, "of u^2", least=0.0)
+    largest_power = Real("largest moving variance so far", MONITORING, "of u^2", least=0.0)
     forget_input = Real("share of the newest sample in mean and variance", IDENTIFIER, least=0.0, most=1.0)
     input_anchor = Real("the input when it last moved", MONITORING, "of u")
 
     # --- auxiliary model
-    serving_bank = Integer("bank of the auxiliary model that serves, 1 or 2", FILTERS, least=1, below="3")
+    serving_bank = Integer("bank of the auxiliary model in use, 1 or 2", FILTERS, least=1, below="3")
     warming = Flag("the other bank warms up with the newest estimate", FILTERS)
     ready_at = Real("elapsed time at which the warming bank takes over", FILTERS, "s", least=0.0, finite=False)
     stability_margin = Real("least distance of a filter's pole from the imaginary axis", IDENTIFIER, "rad/s", least=0.0)
@@ -338,18 +334,18 @@ class StateSlots(Table):
     doubt = Choice(Doubt, "why the newest output was bridged", MONITORING)
     outliers = Integer("samples whose output was bridged as an outlier", MONITORING)
     stuck = Integer("samples whose output was bridged as that of a stuck sensor", MONITORING)
-    stuck_outputs = Integer("how many outputs are known at which the sensor was found stuck, 0 to 2", MONITORING)
+    stuck_outputs = Integer("number of outputs at which the sensor is known to have stuck, 0 to 2", MONITORING)
     stuck_last = Integer("accepted samples when the sensor was last stuck", MONITORING, below="samples + 1")
-    ties = Integer("samples in a row whose output was that of the one before, to the bit", MONITORING)
+    ties = Integer("samples in a row whose output equals the previous one to the bit", MONITORING)
     error = Real("a-priori error of the newest sample as it was measured", MONITORING, "sigma_y", finite=False)
     used_output = Real("the output that the filters saw, measured or bridged", MONITORING, "of y")
-    last_raw = Real("the output of the sample before as it was measured", MONITORING, "of y", finite=False)
-    tie_share = Real("share of the samples whose output is that of the one before", MONITORING, least=0.0, most=1.0)
-    tie_model = Real("the modelled output when the measured one began to stand still", MONITORING, "of y")
-    stuck_at = Real("output at which the sensor was last found stuck, or the end of its scale", MONITORING, "of y")
-    stuck_also = Real("the one before that: a scale has two ends", MONITORING, "of y")
+    last_raw = Real("the previous output as it was measured", MONITORING, "of y", finite=False)
+    tie_share = Real("share of the samples whose output equals the previous one", MONITORING, least=0.0, most=1.0)
+    tie_model = Real("the modelled output when the measured one last changed", MONITORING, "of y")
+    stuck_at = Real("output at which the sensor last stuck, perhaps the end of its scale", MONITORING, "of y")
+    stuck_also = Real("the stuck output before that: a scale has two ends", MONITORING, "of y")
     sensor_step = Real(
-        "least difference of two outputs in a row that is not 0: the step of a sensor's scale",
+        "least non-zero difference of two successive outputs: the step of the sensor's scale",
         MONITORING,
         "of y",
         least=0.0,
@@ -358,8 +354,10 @@ class StateSlots(Table):
 
     # --- residual and change
     alarm = Choice(Alarm, "whether the residual has grown", MONITORING)
-    change_began = Integer("accepted samples when the residual last was as usual", MONITORING, below="samples + 1")
-    look_at = Integer("accepted samples at which an alarm is looked into; 0: not planned", IDENTIFIER)
+    change_began = Integer(
+        "accepted samples when the residual was last at its usual power", MONITORING, below="samples + 1"
+    )
+    look_at = Integer("accepted samples at which an alarm is investigated; 0: not planned", IDENTIFIER)
     record_began = Integer(
         "accepted samples before the record that the estimate is made from", IDENTIFIER, below="samples + 1"
     )
@@ -368,42 +366,46 @@ class StateSlots(Table):
         IDENTIFIER,
         below="samples + 1",
     )
-    change = Choice(Supposition, "what changed at the last change that is believed", IDENTIFIER)
-    undecided = Flag("the samples since tell not yet whether G(s) has changed otherwise", IDENTIFIER)
-    change_price = Real("price of the numbers that it has fitted", IDENTIFIER, least=0.0)
-    disagreement = Real("of two estimates of the record that was solved last, see `Refined`", IDENTIFIER, least=0.0)
+    change = Choice(Supposition, "kind of the last change that was accepted", IDENTIFIER)
+    undecided = Flag("the samples since do not yet show whether G(s) has changed in another way", IDENTIFIER)
+    change_price = Real("penalty for the numbers fitted at that change", IDENTIFIER, least=0.0)
+    disagreement = Real(
+        "disagreement of two estimates of the record that was last solved, see `Refined`", IDENTIFIER, least=0.0
+    )
     changed_at = Integer("accepted samples before that change; 0: none", IDENTIFIER, below="samples + 1")
-    before_began = Integer("accepted samples before the record before it", IDENTIFIER, below="samples + 1")
-    variance_ratio = Real("variance of the newest a-priori error, over that of the residual", MONITORING, finite=False)
-    residuals_seen = Real("residuals that the next two variances are made from", MONITORING, least=0.0)
+    before_began = Integer(
+        "accepted samples before the record that ended at that change", IDENTIFIER, below="samples + 1"
+    )
+    variance_ratio = Real("variance of the newest a-priori error over that of the residual", MONITORING, finite=False)
+    residuals_seen = Real("number of residuals in the next two variances", MONITORING, least=0.0)
     late_variance = Real(
-        "variance of the residual lately; large residuals count in part", MONITORING, "sigma_y^2", finite=False
+        "recent variance of the residual; large residuals are clipped", MONITORING, "sigma_y^2", finite=False
     )
-    usual_variance = Real("variance of the residual as it usually is", MONITORING, "sigma_y^2", finite=False)
+    usual_variance = Real("usual variance of the residual", MONITORING, "sigma_y^2", finite=False)
     late_innovation = Real(
-        "the same of the residual filtered by the noise model", MONITORING, "sigma_y^2", finite=False
+        "recent variance of the residual filtered by the noise model", MONITORING, "sigma_y^2", finite=False
     )
-    usual_innovation = Real("as it usually is", MONITORING, "sigma_y^2", finite=False)
-    largest_output = Real("largest square of the modelled output lately", MONITORING, "sigma_y^2", finite=False)
+    usual_innovation = Real("usual variance of the same", MONITORING, "sigma_y^2", finite=False)
+    largest_output = Real("recent largest square of the modelled output", MONITORING, "sigma_y^2", finite=False)
     cusum = Real(
-        "sum of the residual's power above the usual one; in an alarm, below it",
+        "sum of the residual's power above the usual one; during an alarm, below it",
         MONITORING,
         "usual variances",
         finite=False,
     )
     cusum_limit = Real(
-        "of the sum, beyond which the alarm is raised; 0: never", MONITORING, "usual variances", least=0.0
+        "limit of the sum that raises the alarm; 0: it is never raised", MONITORING, "usual variances", least=0.0
     )
 
     # --- blocks
     inputs = Block("RING", "past inputs", FILTERS, "of u")
-    intervals = Block("RING", "interval that led to each of them", FILTERS, "s")
+    intervals = Block("RING", "interval before each of them", FILTERS, "s")
     held = Block("RING", "mean of a held input over that interval", FILTERS, "of u")
-    reference_inputs = Block("Q", "what the reference explains of the past inputs", FILTERS, "of u")
-    reference_held = Block("Q", "the same of their means over the intervals", FILTERS, "of u")
+    reference_inputs = Block("Q", "parts of the past inputs that the reference explains", FILTERS, "of u")
+    reference_held = Block("Q", "means of these over the intervals", FILTERS, "of u")
     output_before = Block("n", "states of the output's filters before the newest sample", FILTERS, finite=False)
     sigma = Block("T", "scaling of the regressor, (10)-(12) of the article", LAYOUT)
-    unit = Block("T", "from scaled to physical parameter", LAYOUT)
+    unit = Block("T", "factors from scaled to physical parameters", LAYOUT)
     phi = Block("T", "scaled regressor of the newest sample", FILTERS, finite=False)
     zeta = Block("T", "its noise-free companion", FILTERS, finite=False)
     theta = Block("T", "scaled estimate", OPTIMIZER)
@@ -411,19 +413,19 @@ class StateSlots(Table):
     settings = Block("S", "the optimizer's settings", LAYOUT)
     backup = Block("T + M", "estimate and memory before the newest sample", STEP_KERNEL)
     work = Block("4 * N * N", "work; N = n + 2", STEP_KERNEL, finite=False)
-    past = Block("PAST, 1 + T", "past estimates, each behind the samples that it had taken in", STEP_KERNEL)
+    past = Block("PAST, 1 + T", "rows of a number of samples and the estimate after them", STEP_KERNEL)
     prior = Block(
-        "1 + T, T", "the estimate before a change, and the information about it, physical", IDENTIFIER, finite=False
+        "1 + T, T", "the estimate before a change and its information matrix, physical", IDENTIFIER, finite=False
     )
     colour = Nested(ColourSlots, "power and colour of the residual")
     path = Nested(PathSlots, "the estimate at some of the samples")
     noise = Nested(NoiseSlots, "the noise model")
-    reference = Nested(ReferenceSlots, "what the reference explains")
-    sums = Nested(SumsSlots, "of outputs and errors")
+    reference = Nested(ReferenceSlots, "the projection on a reference")
+    sums = Nested(SumsSlots, "moving moments of outputs and errors")
 
     @property
     def dimensions(self) -> Numbers:
-        """What the shapes of the blocks are made of."""
+        """The dimensions used in the shapes of the blocks."""
         return _dimensions_of(self.ints[:LAID_OUT].tobytes())
 
     def begin_of(self, block: Block) -> int:
@@ -433,16 +435,16 @@ class StateSlots(Table):
 
 @lru_cache(maxsize=256)
 def dimensions(**slots: int) -> Numbers:
-    """Return all dimensions by their names, of those slots that they are made of."""
+    """Return all dimensions by name, computed from the slots that define them."""
     known = Numbers(slots)
     return Numbers(FIXED | {name: sizes(text, known)[0] for name, text in DIMENSIONS.items()})
 
 
-#: The slots of ``ints`` before this one hold all that dimensions are made of.
+#: All slots that define dimensions lie in ``ints`` before this place.
 LAID_OUT: Final = StateSlots.path_size.index + 1
 
 
-@lru_cache(maxsize=256)  # asked for with each block that is looked at: to read seven slots would take longer than that
+@lru_cache(maxsize=256)  # needed for each access to a block; reading seven slots would take longer than the access
 def _dimensions_of(layout: bytes) -> Numbers:
     ints = np.frombuffer(layout, np.int64)
     names = ("order", "entries", "memory_size", "settings_size", "ring_size", "path_size", "has_reference")
@@ -451,19 +453,19 @@ def _dimensions_of(layout: bytes) -> Numbers:
 
 #: The arrays of a state, in the order of a checkpoint.
 STATE_ARRAYS: Final = ("ints", "reals", "banks", "buffer", "recent")
-#: The rows of the buffer that were drawn for the newest sample, (batch_size,), lie in ``ints`` from here on.
+#: First place in ``ints`` of the rows of the buffer that were drawn for the newest sample, (batch_size,).
 ROWS: Final = len(StateSlots.integers) + len(StateSlots.blocks)
-#: The blocks lie in ``reals`` from here on.
+#: First place in ``reals`` of the blocks.
 SCALARS: Final = len(StateSlots.scalars)
 
 
 class StateArrays(StateSlots):
-    """The arrays of a state; `replant.estimation.engine.state.State` lays them out, kernels have their `fields`.
+    """The arrays of a state; `replant.estimation.engine.state.State` lays them out, kernels use their `fields`.
 
-    ``banks`` (3, size): the fixed filter's bank and the auxiliary model's two, see `replant.kernels.filters.bank`;
-    ``buffer`` (capacity, width): a learned sample a row, its regressor, instruments if there are any, target, weight;
-    ``recent`` (R, 3), (R, 5) or (R, 6): raw input, output, interval; where outputs are examined, the output that the
-    filters saw and the `Doubt`; where there is a reference, that.
+    ``banks`` (3, size): the bank of the fixed filter and two of the auxiliary model, see
+    `replant.kernels.filters.bank`; ``buffer`` (capacity, width): a row for each learned sample, with its regressor,
+    target, weight and any instruments; ``recent`` (R, 3), (R, 5) or (R, 6): raw input, output and interval; if outputs
+    are examined, also the output that the filters saw and the `Doubt`; with a reference, also the reference.
     """
 
     __slots__ = STATE_ARRAYS
@@ -478,9 +480,9 @@ class StateArrays(StateSlots):
 
     @property
     def fields(self) -> Fields:
-        """What kernels get in the interpreter."""
+        """The fields that interpreted kernels get."""
         return Fields(self, (*STATE_ARRAYS, "rows"))
 
 
 class Attention(Exception):  # noqa: N818 - nothing went wrong
-    """Raised in the place of taking a sample: ATTENTION is set, or another call is under way."""
+    """Raised instead of taking a sample: `attention` is set, or another call is running."""

@@ -1,8 +1,9 @@
-"""Slots: how a table of named numbers in flat arrays is declared, so that each is written down once.
+"""Slots: declarations of named numbers in flat arrays, each written once.
 
-A class lists its slots; the order of the list is the order in the arrays.  `Integer` and `Flag` lie in ``ints``,
-`Real` in ``reals``; a `Block` lies in ``reals`` behind them, and one of ``ints`` says where it begins.  On an instance
-with these two arrays each slot is a property: it reads and writes the number, or returns a view of the block.
+A class lists its slots; the order of the list is the order in the arrays.  `Integer`, `Flag` and `Choice` lie in
+``ints``, `Real` in ``reals``.  A `Block` lies in ``reals`` after the scalars, and an entry of ``ints`` holds its begin.
+On an instance with these two arrays each slot is a property: it reads and writes the number, or returns a view of the
+block.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any, ClassVar, Generic, Self, TypeVar, overload
 
 import numpy as np
 
-# no stream is as long, a float64 tells samples apart up to it, and sums of many are inside int64
+# longer than any stream; float64 is exact up to it, and sums of many stay within int64
 NEVER = 2**53  # a sample that never comes [samples]
 
 Value = TypeVar("Value")
@@ -25,11 +26,11 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
 class Numbers(dict[str, int]):
-    """The dimensions that shapes are made of, by name: never changed."""
+    """The dimensions used in shapes, by name; never changed."""
 
     __slots__ = ()
 
-    # a block is looked at thousands of times with the same dimensions: what follows is found by the object, not content
+    # the same dimensions are looked up thousands of times: caches compare the object, not its content
     def __hash__(self) -> int:  # type: ignore[override]
         return id(self)
 
@@ -38,23 +39,23 @@ class Numbers(dict[str, int]):
 
 
 class Slot:
-    """One declared number, or block of numbers: its meaning in a line, who changes it, and its unit, if it has one."""
+    """One declared number, or block of numbers: its meaning in a line, the part that writes it, its unit if any."""
 
     def __init__(self, meaning: str, writer: str, unit: str = "") -> None:
         self.meaning, self.writer, self.unit = meaning, writer, unit
-        # of the property; in ``ints`` or ``reals``, of a block where in ``ints`` its beginning is kept
+        # name of the property; place in ``ints`` or ``reals``, for a block the place in ``ints`` that holds its begin
         self.name, self.index = "", -1
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
     def is_sound(self, holder: Any) -> bool:
-        """Whether the number is one that the program may have written."""
+        """Return whether the number is one that the program can have written."""
         raise NotImplementedError
 
 
 class Property(Generic[Value]):
-    """What reads a slot of an instance; of the class it is the slot itself."""
+    """Descriptor that reads a slot: the number on an instance, the slot itself on the class."""
 
     @overload
     def __get__(self, holder: None, owner: type) -> Self: ...
@@ -69,7 +70,7 @@ class Property(Generic[Value]):
 
 
 class Whole(Property[Value]):
-    """A number of ``ints``, as its ``kind`` makes it of an int."""
+    """A number of ``ints``, converted by ``kind``."""
 
     kind: Callable[[int], Value]
     index: int
@@ -82,7 +83,7 @@ class Whole(Property[Value]):
 
 
 class Integer(Slot, Whole[int]):
-    """An integer of ``ints``, from ``least`` on and below a sum of slots and numbers, "samples + 1"; else a count."""
+    """An integer of ``ints``, at least ``least`` and below a sum of slots and numbers, such as "samples + 1"."""
 
     kind = int
 
@@ -98,12 +99,12 @@ class Integer(Slot, Whole[int]):
 
 
 class Flag(Slot, Whole[bool]):
-    """A truth of ``ints``, 1 or 0."""
+    """A flag of ``ints``, 1 or 0."""
 
     kind = bool
 
     def is_sound(self, holder: Any) -> bool:
-        """Whether the number is a truth."""
+        """Return whether the number is 0 or 1."""
         return int(holder.ints[self.index]) in (0, 1)
 
 
@@ -115,12 +116,12 @@ class Choice(Slot, Whole[Kind]):
         self.kind, self._values = kind, set(kind)
 
     def is_sound(self, holder: Any) -> bool:
-        """Whether the number is one of the values."""
+        """Return whether the number is one of the values."""
         return int(holder.ints[self.index]) in self._values
 
 
 class Real(Slot, Property[float]):
-    """A number of ``reals``, from ``least`` to ``most``; ``finite`` False: it may be infinite, or no number, too."""
+    """A number of ``reals``, from ``least`` to ``most``; unless ``finite``, it may also be infinite or NaN."""
 
     def __init__(
         self, meaning: str, writer: str, unit: str = "", *, least: float = -math.inf, most: float = math.inf,
@@ -142,14 +143,14 @@ class Real(Slot, Property[float]):
 
 
 class Block(Slot, Property[Array]):
-    """Several numbers of ``reals``, as an array of the given shape; ``shape`` names the dimensions, "PAST, 1 + T"."""
+    """Several numbers of ``reals`` as an array; ``shape`` names the dimensions, as in "PAST, 1 + T"."""
 
     def __init__(self, shape: str, meaning: str, writer: str, unit: str = "", *, finite: bool = True) -> None:
         super().__init__(meaning, writer, unit)
         self.shape, self.finite = shape, finite
 
     def is_sound(self, holder: Any) -> bool:
-        """Whether every number is finite, where they must be."""
+        """Return whether every number is finite, if they must be."""
         return not self.finite or bool(np.isfinite(getattr(holder, self.name)).all())
 
     def _of(self, holder: Any) -> Array:
@@ -157,7 +158,7 @@ class Block(Slot, Property[Array]):
         return np.asarray(holder.reals[begin : begin + math.prod(shape)].reshape(shape))
 
     def sizes(self, dimensions: Numbers) -> tuple[int, ...]:
-        """Return the shape in numbers: sums of products of the named dimensions."""
+        """Return the shape as integers: each axis is a sum of products of the named dimensions."""
         return sizes(self.shape, dimensions)
 
     def size(self, dimensions: Numbers) -> int:
@@ -166,7 +167,7 @@ class Block(Slot, Property[Array]):
 
 
 class Table:
-    """A class that lists slots: it numbers them in their order.  An instance has ``reals``, mostly ``ints``, too."""
+    """A class that lists slots and numbers them in order.  An instance has ``reals``, and ``ints`` for integers."""
 
     __slots__ = ()
 
@@ -188,7 +189,7 @@ class Table:
 
     @property
     def dimensions(self) -> Numbers:
-        """The named dimensions that the shapes of blocks are made of."""
+        """The named dimensions used in the shapes of blocks."""
         raise NotImplementedError
 
     def begin_of(self, block: Block) -> int:
@@ -197,12 +198,12 @@ class Table:
 
     @property
     def fields(self) -> Fields:
-        """What kernels get in the interpreter."""
+        """The fields that interpreted kernels get."""
         return Fields(self)
 
 
 class Part(Table):
-    """A table whose numbers, ``reals`` (size,), are themselves a block of another: scalars first, then its blocks."""
+    """A table whose numbers, ``reals`` (size,), are a block of another table: scalars first, then its blocks."""
 
     __slots__ = ("_dimensions", "reals")
 
@@ -211,7 +212,7 @@ class Part(Table):
 
     @property
     def dimensions(self) -> Numbers:
-        """The named dimensions that the shapes of blocks are made of."""
+        """The named dimensions used in the shapes of blocks."""
         return self._dimensions
 
     def begin_of(self, block: Block) -> int:
@@ -220,7 +221,7 @@ class Part(Table):
 
     @classmethod
     def zeros(cls, dimensions: Mapping[str, int]) -> Self:
-        """Return one with an array of its own, all zero."""
+        """Return a part with an array of its own, all zero."""
         known = numbers(tuple(dimensions.items()))
         return cls(np.zeros(cls.size(known)), known)
 
@@ -238,7 +239,7 @@ class Nested(Block, Generic[Inner]):
         self.table = table
 
     def is_sound(self, holder: Any) -> bool:
-        """Whether every number of the table is."""
+        """Return whether every number of the table is sound."""
         part = getattr(holder, self.name)
         return all(slot.is_sound(part) for slot in (*self.table.scalars, *self.table.blocks))
 
@@ -259,19 +260,19 @@ class Nested(Block, Generic[Inner]):
 
 @lru_cache(maxsize=256)
 def numbers(dimensions: tuple[tuple[str, int], ...]) -> Numbers:
-    """Return the dimensions as one object, the same one each time."""
+    """Return the dimensions as one cached object."""
     return Numbers(dimensions)
 
 
 @lru_cache(maxsize=4096)
 def sizes(shape: str, dimensions: Numbers) -> tuple[int, ...]:
-    """Return the numbers of a shape: sums of products of the named dimensions."""
+    """Return a shape as integers: each axis is a sum of products of the named dimensions."""
     return tuple(sum(_product(term, dimensions) for term in axis.split("+")) for axis in shape.split(","))
 
 
 @lru_cache(maxsize=1024)
 def begins(scalars: tuple[Real, ...], blocks: tuple[Block, ...], dimensions: Numbers) -> dict[str, int]:
-    """Return where each block of a part begins, and as that of "" where the last one ends."""
+    """Return where each block of a part begins; the entry "" is the end of the last one."""
     found, end = {}, len(scalars)
     for block in blocks:
         found[block.name] = end
@@ -285,7 +286,7 @@ def _product(text: str, dimensions: Mapping[str, int]) -> int:
 
 
 class Fields:
-    """A table as kernels have it: numbers, ``s.alarm``, are NumPy's, which divide by zero as C does, blocks views."""
+    """A table as interpreted kernels see it: blocks are views, numbers are NumPy's, which divide by zero as C does."""
 
     def __init__(self, holder: Any, beside: tuple[str, ...] = ()) -> None:
         own, ints = vars(self), getattr(holder, "ints", None)

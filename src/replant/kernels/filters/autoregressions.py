@@ -1,16 +1,16 @@
-r"""Series of numbers as wholes: autoregressions of every order, their filters, the play operator.
+r"""Kernels over whole series: autoregressions of every order, their filters, the play operator.
 
-Over samples whose predecessors are all known, G[i, j] is the sum of e_{k-i} e_{k-j}.  The model of order j minimises
+G[i, j] is the sum of e_{k-i} e_{k-j} over the samples whose predecessors are all known.  The model of order j minimises
 the sum of (e_k + d_1 e_{k-1} + .. + d_j e_{k-j})^2: G[1:j+1, 1:j+1] d = -G[1:j+1, 0].  One factorisation L D L' of
-G[1:, 1:] serves all orders, as its leading parts are those of the smaller ones.
+G[1:, 1:] gives all orders, as its leading parts are the factors of the smaller ones.
 
-Autocovariances would do with fewer numbers, but the ends of their window leak: where the residual is smooth, as behind
-a disturbance of the plant's input, their innovation is 40 to 400 times too large.
+Autocovariances need fewer numbers, but the ends of their window leak: for a smooth residual, such as that of a
+disturbance at the plant's input, the variance of their innovation is 40 to 400 times too large.
 
 A sample with j < p known predecessors is whitened by the model of order j, whose residual has the larger variance V_j,
 and weighted by the root of V_p / V_j: the likelihood of an autoregression with a missing past.
 
-The all-pole filter makes white noise an autoregression; the play operator a motion that of a part with backlash.
+The all-pole filter turns white noise into an autoregression; the play operator models a part with backlash.
 
 Sources: Ljung (1999), "System Identification: Theory for the User", sections 10.1 and 16.4; Brokate and Sprekels
 (1996), "Hysteresis and Phase Transitions", chapter 2.
@@ -23,9 +23,9 @@ import numpy as np
 from replant.kernels.native import Ints, Matrix, Reals, kernel
 
 # some hundred times the precision of float64
-ROUNDING = 1e-13  # part of a sum that is left after the smaller orders, below which it is rounding [part]
+ROUNDING = 1e-13  # remainder of a sum after elimination below which it is rounding [part of the sum]
 
-LEAST = 1e-300  # power of which the logarithm is taken at least: variances stay positive [output's unit squared]
+LEAST = 1e-300  # least power, so that variances stay positive and have a logarithm [output's unit squared]
 
 
 @kernel(
@@ -34,9 +34,9 @@ LEAST = 1e-300  # power of which the logarithm is taken at least: variances stay
     "work.size >= variances.size * variances.size + variances.size",
 )
 def nested_models(sums: Matrix, count: float, models: Matrix, variances: Reals, work: Reals):
-    """Fill models of orders 0 .. P - 1 and the variances (P,) of their residuals; return the order with the least BIC.
+    """Fill models of orders 0 .. P - 1 and the variances (P,) of their residuals; return the order of least BIC.
 
-    ``sums`` (P, P): the lower triangle of G, of ``count`` samples; ``models`` (P, P): row j is 1, d_1 .. d_j, 0 ..;
+    ``sums`` (P, P): the lower triangle of G, over ``count`` samples; ``models`` (P, P): row j is 1, d_1 .. d_j, 0 ..;
     ``work`` holds P P + P numbers.
     """
     P = variances.size
@@ -67,13 +67,13 @@ def nested_models(sums: Matrix, count: float, models: Matrix, variances: Reals, 
                 for k in range(i):
                     total -= work[i * top + k] * work[k * top + k] * work[at_scaled + k]
                 work[at_scaled + i] = total / pivot
-                power = max(power - total / pivot * total, least)  # total^2 may leave float64
+                power = max(power - total / pivot * total, least)  # total^2 may overflow
                 for j in range(i, -1, -1):
                     solution = work[at_scaled + j]
                     for k in range(j + 1, order):
                         solution -= work[k * top + j] * models[order, k + 1]
                     models[order, j + 1] = solution
-            else:  # what is left is rounding: the smaller order does as well
+            else:  # the remainder is rounding: keep the smaller order
                 for j in range(P):
                     models[order, j] = models[order - 1, j]
                 work[i * top + i] = 1.0
@@ -91,9 +91,9 @@ def nested_models(sums: Matrix, count: float, models: Matrix, variances: Reals, 
     "result.size >= known.size * channels",
 )
 def whiten_known(models: Matrix, weights: Reals, signals: Reals, channels: int, known: Ints, result: Reals):
-    """Write ``signals`` (K, channels) filtered by the model of as many predecessors as are ``known`` (K,).
+    """Write ``signals`` (K, channels), each row filtered by the model of order ``known`` (K,), its known predecessors.
 
-    ``models``: row j is 1, d_1 .. d_j, of order j, up to p; ``weights`` (p + 1,): factors of the rows filtered by each.
+    ``models``: row j is 1, d_1 .. d_j, up to order p; ``weights`` (p + 1,): factors of the rows filtered by each order.
     """
     order = weights.size - 1
     for i in range(known.size * channels):
@@ -117,7 +117,7 @@ def whiten_known(models: Matrix, weights: Reals, signals: Reals, channels: int, 
     "result.shape[0] >= signals.shape[0] and result.shape[1] == signals.shape[1]",
 )
 def fill_all_pole(coefficients: Reals, signals: Matrix, result: Matrix, state: Reals):
-    """Write what `all_pole` returns into ``result``; ``state`` (p + 1,) is work."""
+    """Write the result of `all_pole` into ``result``; ``state`` (p + 1,) is work."""
     order = coefficients.size - 1
     for channel in range(signals.shape[0]):
         for i in range(order + 1):
@@ -132,7 +132,7 @@ def fill_all_pole(coefficients: Reals, signals: Matrix, result: Matrix, state: R
 def all_pole(coefficients: Reals, signals: Matrix) -> Matrix:
     """Return x / D(q) of ``signals`` (channels, K), from rest: y(k) = x(k) - d_1 y(k-1) - ... - d_p y(k-p).
 
-    ``coefficients`` (p + 1,) are 1, d_1 .. d_p.  In transposed direct form II the state (p,) holds the sums to come.
+    ``coefficients`` (p + 1,) are 1, d_1 .. d_p.  The filter is in transposed direct form II.
     """
     signals = np.ascontiguousarray(signals, float)
     result = np.empty(signals.shape)
@@ -142,7 +142,7 @@ def all_pole(coefficients: Reals, signals: Matrix) -> Matrix:
 
 @kernel("output.size >= v.size")
 def fill_play(v: Reals, width: float, output: Reals):
-    """Write what `play` returns into ``output`` (K,)."""
+    """Write the result of `play` into ``output`` (K,)."""
     held = 0.0
     for k in range(v.size):
         held = min(max(held, v[k] - width), v[k] + width)
@@ -150,7 +150,7 @@ def fill_play(v: Reals, width: float, output: Reals):
 
 
 def play(v: Reals, width: float) -> Reals:
-    """Return the output (K,) of a play of half a ``width`` behind a signal (K,): it follows where it is pushed.
+    """Return the output (K,) of a play operator of half ``width``: it moves only when the signal (K,) pushes it.
 
     y(k) = min(max(y(k-1), v(k) - width), v(k) + width), from y = 0 before the record; in the unit of v.
     """

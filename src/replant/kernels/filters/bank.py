@@ -3,21 +3,21 @@
 One bank holds a denominator D(s), six channels of n states each, and its discretisations.  The states of a channel
 driven by x are w_i = c^(n-i) s^i / D(s) x for i = n-1 .. 0 (see `replant.model.state_space`).  The channels:
 
-    OUTPUT    the measured output, joined by straight lines
-    INPUT     the input, held or joined by straight lines, after the dead time
-    MODEL     the predicted output, joined as the measured one is: what instruments are made of; where there is a
-              reference, the part of the output that it explains
-    IMPULSE   an impulse at the beginning: what an unknown initial state adds
-    CONSTANT  one: what an unknown offset adds
+    OUTPUT    the measured output, linear between samples
+    INPUT     the input after the dead time, held or linear between samples
+    MODEL     the signal for instruments, linear between samples: the predicted output, or with a reference the part of
+              the output that it explains
+    IMPULSE   an impulse at the beginning: the contribution of an unknown initial state
+    CONSTANT  one: the contribution of an unknown offset
     REFERENCE_INPUT  the part of the input that the reference explains, as the input; idle without a reference
 
-With D = A, the denominator of a stable model B/A, its output is a weighted sum of the INPUT, CONSTANT and IMPULSE
-states, without any error of discretisation.  A model that is not stable has D = A with its poles reflected in the
-imaginary axis, and the residual e = A/D y - B/D u, which is white where the model's own is, as abs(A/D) = 1.  Its
-predicted output is the y that makes e zero.
+If D is the denominator A of a stable model B/A, the model's output is a weighted sum of the INPUT, CONSTANT and IMPULSE
+states, without discretisation error.  For an unstable model D is A with its poles reflected in the imaginary axis.  Its
+residual e = A/D y - B/D u is white if the model's own is, as abs(A/D) = 1.  Its predicted output is the y that makes e
+zero.
 
-Discretisations are kept by the interval they belong to.  The exponential is made here, by scaling and squaring on a
-Taylor series: at the norm of 1/4 that scaling leaves, twelve terms reach 1e-17.
+Discretisations are stored by their interval.  The exponential is computed by scaling and squaring of a Taylor series:
+scaling leaves a norm of 1/4, for which twelve terms reach 1e-17.
 """
 
 from replant.kernels.native import Reals, kernel
@@ -28,16 +28,16 @@ CHANNELS = 6  # channels of a bank [count]
 # --- a bank's numbers
 SCALE = 0  # place of c among a bank's numbers [index]
 MODEL_OUTPUT = 1  # place of the auxiliary model's predicted output at the newest sample [index]
-NEXT = 2  # place of the number of the discretisation to be replaced next [index]
-REFLECTED = 3  # place of a truth: whether D is the auxiliary model's A with its poles reflected [index]
+NEXT = 2  # place of the index of the discretisation to be replaced next [index]
+REFLECTED = 3  # place of a flag: whether D is the auxiliary model's A with its poles reflected [index]
 INSTRUMENT = 4  # place of the signal of the MODEL channel at the newest sample [index]
-# behind it come, one after the other: the characteristic d_i / c^(n-i), (n,); the gains from state to scaled regressor
-# entry, (T,); the weights, the auxiliary model's scaled parameters of a noise-free output, (T,); the states, (6 n,);
-# KEPT discretisations: interval, Ad (n^2), constant (n), ramp (n)
+# after it follow: the characteristic d_i / c^(n-i), (n,); the gains from state to scaled regressor entry, (T,); the
+# weights, which are the auxiliary model's scaled parameters, (T,); the states, (6 n,); KEPT discretisations: interval,
+# Ad (n^2), constant (n), ramp (n)
 DENOMINATOR = 5  # place of d_(n-1) .. d_0, (n,) [index]
-# a regular clock needs one, a fractional dead time three, and a clock that jitters a new one each time
+# a regular clock needs one, a fractional dead time three, a clock with jitter a new one each time
 KEPT = 4  # discretisations kept [count]
-# far below a jitter that matters, far above the rounding of stamps that are differences
+# far below a jitter that matters, far above the rounding of differences of stamps
 SAME_INTERVAL = 1e-9  # difference of two intervals up to which they share a discretisation [part of the interval]
 
 
@@ -62,7 +62,7 @@ def at_kept(n, T):
 
 
 def whole_power(base, exponent):
-    """Return base^exponent, exponent 0, 1, 2 ..: by squares, to the same bits everywhere."""
+    """Return base^exponent for exponent 0, 1, 2 .. by repeated squaring, which gives the same bits everywhere."""
     result = 1.0
     while exponent != 0:
         if exponent % 2 == 1:
@@ -86,7 +86,7 @@ def set_denominator(
     bank: Reals, n: int, T: int, inputs: int, constant: bool, nuisances: bool, fixed: bool, denominator: Reals,
     sigma: Reals,
 ):  # fmt: skip
-    """Give the bank a denominator d_{n-1} .. d_0; ``fixed``: the regressor's constant is one, as (24) has it."""
+    """Set the bank's denominator d_{n-1} .. d_0; ``fixed``: the regressor's constant is one, as in (24)."""
     c = abs(denominator[n - 1]) ** (1.0 / n)
     if not c > 0.0:
         for i in range(n):
@@ -118,7 +118,7 @@ def set_denominator(
 
 
 def discretization(bank, n, T, interval, work):
-    """Return where the exact solution over ``interval`` lies in the bank, computing it if it is not there."""
+    """Return the place in the bank of the exact solution over ``interval``; compute it if it is missing."""
     kept, size = at_kept(n, T), 1 + n * n + 2 * n
     intervals = bank[kept:]
     for slot in range(KEPT):
@@ -128,14 +128,14 @@ def discretization(bank, n, T, interval, work):
 
 
 def new_discretization(bank, n, T, interval, work):
-    """Compute the exact solution over ``interval``, in the place of the oldest; return where it lies."""
+    """Compute the exact solution over ``interval`` in place of the oldest one; return its place."""
     size = 1 + n * n + 2 * n
     slot = int(bank[NEXT])
     bank[NEXT] = (slot + 1) % KEPT
     at = at_kept(n, T) + slot * size
     wide = n + 2
     power, spare = work[: wide * wide], work[wide * wide :]
-    # one gives Ad, the response to a constant and that to a ramp from 0 to 1 (Van Loan, 1978)
+    # one exponential gives Ad and the responses to a constant and to a ramp from 0 to 1 (Van Loan, 1978)
     exponential(n, bank[SCALE] * interval, bank[DENOMINATOR + n : DENOMINATOR + 2 * n], power, spare)
     bank[at] = interval
     for i in range(n):
@@ -147,7 +147,7 @@ def new_discretization(bank, n, T, interval, work):
 
 
 def advance_states(n, solution, start, rise, x, new):
-    """Carry the states x over one interval of a ``solution``; their signal begins at ``start`` and rises straight."""
+    """Advance the states x by one interval of a ``solution``; the signal begins at ``start`` and rises linearly."""
     A, constant, ramp = solution, n * n, n * n + n
     for i in range(n):
         total = solution[constant + i] * start + solution[ramp + i] * rise
@@ -159,7 +159,7 @@ def advance_states(n, solution, start, rise, x, new):
 
 
 def advance_both(n, solution, start, rise, x, new, other_start, other_rise, z, spare):
-    """Carry the states x and z as `advance_states` carries x, to the same bits: each loads Ad but once for both."""
+    """Advance the states x and z as `advance_states` does, to the same bits; Ad is loaded once for both."""
     A, constant, ramp = solution, n * n, n * n + n
     for i in range(n):
         total = solution[constant + i] * start + solution[ramp + i] * rise
@@ -175,13 +175,13 @@ def advance_both(n, solution, start, rise, x, new, other_start, other_rise, z, s
 
 
 def advance_channel(bank, n, T, channel, at, start, end, work):
-    """Carry one channel over the interval of the discretisation ``at``; its signal runs straight, start to end."""
+    """Advance one channel by the interval of the discretisation ``at``; its signal is linear from start to end."""
     states = at_states(n, T) + channel * n
     advance_states(n, bank[at + 1 :], start, end - start, bank[states:], work)
 
 
 def advance_two(bank, n, T, at, one, start, end, other, other_start, other_end, work):
-    """Carry two channels as `advance_channel` carries one."""
+    """Advance two channels as `advance_channel` does."""
     states, rise, other_rise = at_states(n, T), end - start, other_end - other_start
     x, z = bank[states + one * n :], bank[states + other * n :]
     new, spare = work, work[n:]
@@ -189,7 +189,7 @@ def advance_two(bank, n, T, at, one, start, end, other, other_start, other_end, 
 
 
 def take_states(bank, other, n, T):
-    """Copy the states of another bank, in this bank's own time scale."""
+    """Copy the states of another bank, converted to this bank's time scale."""
     ratio = bank[SCALE] / other[SCALE]
     states = DENOMINATOR + 2 * n + 2 * T
     for channel in range(CHANNELS):
@@ -202,7 +202,7 @@ def take_states(bank, other, n, T):
 
 
 def begin(bank, n, T):
-    """Put every channel at rest, but for the impulse that has just come in."""
+    """Set every channel to rest, except for the impulse, which acts now."""
     states = DENOMINATOR + 2 * n + 2 * T
     for i in range(CHANNELS * n):
         bank[states + i] = 0.0
@@ -212,9 +212,9 @@ def begin(bank, n, T):
 
 
 def fill_known_entries(bank, n, T, inputs, channel, u, constant, nuisances, fixed, phi):
-    """Fill the regressor's entries of input, constant and initial state; return the auxiliary model's output by these.
+    """Fill the regressor's entries of input, constant and initial state; return the auxiliary model's output from them.
 
-    The input's are s^m/D u .. s^0/D u; it is in ``channel``, ``u`` being its delayed value now.
+    The entries of the input are s^m/D u .. s^0/D u; its filter is ``channel``, and ``u`` is its delayed value now.
     """
     characteristic, gain, weights, states = DENOMINATOR + n, at_gain(n), at_weights(n, T), at_states(n, T)
     proper, last = min(inputs, n), n + inputs
@@ -238,7 +238,7 @@ def fill_known_entries(bank, n, T, inputs, channel, u, constant, nuisances, fixe
 
 
 def fill_output_entries(bank, n, T, channel, y, phi):
-    """Fill -s^(n-1)/D y .. -s^0/D y of the signal in this channel, whose value is ``y`` now; return s^n/D y."""
+    """Fill -s^(n-1)/D y .. -s^0/D y for the signal of this channel, whose present value is ``y``; return s^n/D y."""
     characteristic, gain, w = DENOMINATOR + n, at_gain(n), at_states(n, T) + channel * n
     highest = y
     for i in range(n):
@@ -248,12 +248,12 @@ def fill_output_entries(bank, n, T, channel, y, phi):
 
 
 def predicted_output(bank, n, T, solution, last, known, states, new):
-    """Return the output that makes the residual y - s' w - ``known`` zero, by what is known before it.
+    """Return the output y that makes the residual y - s' w - ``known`` zero: the prediction of an unstable model.
 
-    w are the OUTPUT states, s = characteristic + gain * weights is zero where D = A, and w depends on y, as the output
-    runs straight from ``last`` to it: w = w_0 + r y.
+    w are the OUTPUT states; s = characteristic + gain * weights is zero if D = A.  As the output is linear from
+    ``last`` to y, w depends on y: w = w_0 + r y.
 
-    ``states`` (n,): those at the sample before, overwritten by w_0; ``solution``: the discretisation; ``known``: the
+    ``states`` (n,): those at the previous sample, overwritten by w_0; ``solution``: the discretisation; ``known``: the
     part of the model's output that comes from inputs, constant and initial state; ``new`` (n,) is work.
     """
     characteristic, gain, weights, ramp = DENOMINATOR + n, at_gain(n), at_weights(n, T), n * n + n
@@ -268,15 +268,15 @@ def predicted_output(bank, n, T, solution, last, known, states, new):
 
 # 0.25^13 / 13! is 2e-18, below the precision of float64
 _TERMS = 12  # terms of the Taylor series [count]
-_LARGEST_NORM = 0.25  # norm up to which the series is taken as it is; a larger matrix is halved [norm]
-_MOST_SQUARINGS = 1000  # halvings at the most, where the norm is not finite [count]
+_LARGEST_NORM = 0.25  # largest norm for the series; a larger matrix is halved [norm]
+_MOST_SQUARINGS = 1000  # most halvings, reached only if the norm is not finite [count]
 
 
 def exponential(n, rate, characteristic, result, work):
-    """Write the exponential of a companion matrix with a constant and a ramp beside it, (n + 2)^2 numbers.
+    """Write the exponential of a companion matrix extended by a constant and a ramp, (n + 2)^2 numbers.
 
-    The matrix has -rate d_(n-1) .. -rate d_0, rate, 0 as its first row, rates below the diagonal, and in row n a one at
-    its end, for the ramp's slope.
+    The first row of the matrix is -rate d_(n-1) .. -rate d_0, rate, 0; below the diagonal are rates; row n ends with a
+    one, the slope of the ramp.
     """
     row = 0.0
     for i in range(n):
@@ -303,7 +303,7 @@ def exponential(n, rate, characteristic, result, work):
 
 
 def _times(n, rate, characteristic, slope, power, result):
-    """Write the product of the matrix of `exponential` and a power of it: all but its first row only shifts rows."""
+    """Write the product of the matrix of `exponential` and a power of it: only its first row is not a mere shift."""
     wide = n + 2
     for j in range(wide):
         result[j] = 0.0
@@ -320,7 +320,7 @@ def _times(n, rate, characteristic, slope, power, result):
 
 
 def _square(n, power, work):
-    """Square an exponential in its place; its last two rows are those of a ramp."""
+    """Square an exponential in place; its last two rows are those of constant and ramp."""
     wide = n + 2
     for i in range(n):
         for j in range(wide):

@@ -1,7 +1,7 @@
 """From a sample to its regressor: dead time, filters, auxiliary model, instruments.
 
-`banks` holds three banks (see `bank`): 0 the fixed filter 1/Lambda, 1 and 2 the auxiliary model's, of which one
-serves while the other warms up.  With the refined filter the serving bank makes the regressor itself.
+`banks` holds three banks (see `bank`): 0 is the fixed filter 1/Lambda; 1 and 2 are the auxiliary model's, one in use
+while the other warms up.  With the refined filter the bank in use also makes the regressor.
 """
 
 from replant.kernels.filters import bank as bk
@@ -9,25 +9,25 @@ from replant.kernels.filters.polynomials import all_left_of, bandwidth, reflect,
 from replant.kernels.native import LAID_OUT, Reals, inlined, kernel
 from replant.kernels.schema import StateArrays
 
-# what is left of a wrong initial state is then exp(-10), 5e-5
+# exp(-10), 5e-5, of a wrong initial state then remains
 WARM_TIME_CONSTANTS = 10.0  # time that a bank with a new model warms up [slowest time constants of the model]
-# half-way between none and one
-MISSING = 1.5  # interval beyond which a sample is taken to be missing [sampling times]
-# rows are lost whatever the input does: it may have moved at any time on the way
-MOVED = 0.5  # how far a held input is taken to have moved while samples were missing, on the mean [part of the way]
+# half-way between no and one missing sample
+MISSING = 1.5  # interval beyond which a sample is assumed to be missing [sampling times]
+# samples are lost independently of the input, which may have moved at any time
+MOVED = 0.5  # mean move of a held input while samples were missing [part of the move]
 # some thousand times the precision of float64
-ROUNDING = 1e-12  # room for rounding where a dead time is a whole number of intervals [part of the time]
-RETRY = 10.0  # samples until an estimate that could not serve as a model is looked at again [samples]
+ROUNDING = 1e-12  # tolerance for rounding if a dead time is a whole number of intervals [part of the time]
+RETRY = 10.0  # samples until an estimate that was unfit as auxiliary model is tried again [samples]
 
 
 def begin_filters(s):
-    """Put the filters at rest, but for the impulse of the initial state, which comes in now."""
+    """Set the filters to rest, except for the impulse of the initial state, which acts now."""
     for b in range(3):
         bk.begin(s.banks[b], s.order, s.entries)
 
 
 def begin(s, u, y):
-    """Take the first sample of a record, or the first after a gap: everything at rest, u as it always was."""
+    """Take the first sample of a record, or the first after a gap: at rest, with u constant before it."""
     for i in range(s.ring_size):
         s.inputs[i] = u
         s.held[i] = u
@@ -43,7 +43,7 @@ def begin(s, u, y):
     s.ring_head = 0
     s.started = True
     s.unknown_input = 0.0
-    # as long as the input that acts lies before the record, nothing is learned: what acts is not known
+    # nothing is learned while the delayed input lies before the record, as it is unknown
     if s.refined and s.delay > 0.0:
         s.unknown_input = s.delay
         s.learn_from = max(s.learn_from, s.elapsed + s.delay)
@@ -51,15 +51,15 @@ def begin(s, u, y):
 
 @inlined
 def one_before(s, place):
-    """Return the place in the rings of what came before."""
+    """Return the previous place in the rings."""
     return place - 1 if place > 0 else s.ring_size - 1
 
 
 def moved_share(interval, before, earlier, dt):
-    """Return how far a held input moves from one sample to the next, on the mean over the interval, as a part of it.
+    """Return the mean position of a held input over an interval: 0 is its last value, 1 the newest.
 
-    For the first sampling time ``dt`` it stood; for the rest, where samples are missing, it is half the way between the
-    last value and the newest.  None is where the two intervals before were as long: the device samples more slowly.
+    In the first sampling time ``dt`` the input is the last value; during missing samples it is assumed half-way on
+    average.  If the two previous intervals are as long, no sample is missing: the device samples more slowly.
     """
     usual = max(dt, min(before, earlier))
     known = usual / interval if interval > MISSING * usual else 1.0
@@ -67,7 +67,7 @@ def moved_share(interval, before, earlier, dt):
 
 
 def remember_input(s, u, interval):
-    """Put the newest input, and the part that a reference explains of it, into the rings for the dead time."""
+    """Add the newest input, and the part of it that a reference explains, to the rings for the dead time."""
     before, last = s.ring_head, s.inputs[s.ring_head]
     share = moved_share(interval, s.intervals[before], s.intervals[one_before(s, before)], s.interval)
     newest = before + 1 if before + 1 < s.ring_size else 0
@@ -81,9 +81,9 @@ def remember_input(s, u, interval):
 
 
 def advance_delayed_input(s, bank, interval, slot, work, channel):
-    """Carry INPUT or REFERENCE_INPUT over the newest interval, piece by piece; return the delayed signal now.
+    """Advance INPUT or REFERENCE_INPUT by the newest interval, piece by piece; return the delayed signal now.
 
-    Looks back from now: the input u_j, sampled at the age a_j, acts from the age a_j - delay down to a_{j+1} - delay.
+    Ages count back from now: the input u_j, sampled at age a_j, acts from age a_j - delay down to a_{j+1} - delay.
     """
     n, T, ring, straight = s.order, s.entries, s.ring_size, s.straight_input
     of_input = channel == bk.INPUT
@@ -93,8 +93,8 @@ def advance_delayed_input(s, bank, interval, slot, work, channel):
     intervals, delay = s.intervals, s.delay
     newer = s.ring_head
     older = one_before(s, newer)
-    # go back to the piece of the input that acts when the newest interval begins
-    age = 0.0  # of the sample `newer`
+    # go back to the piece of the input that acts at the begin of the newest interval
+    age = 0.0  # age of the sample `newer`
     pieces = 1
     while pieces < ring - 1 and age + intervals[newer] < (interval + delay) * (1.0 - ROUNDING):
         age += intervals[newer]
@@ -106,9 +106,9 @@ def advance_delayed_input(s, bank, interval, slot, work, channel):
         start = inputs[older] + share * (inputs[newer] - inputs[older])
         bk.advance_channel(bank, n, T, channel, slot, start, start, work)
         return now
-    left = interval  # what of the newest interval is still to come
+    left = interval  # remaining part of the newest interval
     while True:
-        until = max(age - delay, 0.0)  # this piece acts until so long before now
+        until = max(age - delay, 0.0)  # age at which this piece ends
         piece = left - until
         if piece > bk.SAME_INTERVAL * interval:
             start = end = held[newer]
@@ -126,13 +126,13 @@ def advance_delayed_input(s, bank, interval, slot, work, channel):
         newer = newer + 1 if newer + 1 < ring else 0
         age -= intervals[newer]
     if not straight and abs(age - delay) <= bk.SAME_INTERVAL * interval:
-        # the next sample begins to act just now
+        # the next input begins to act exactly now
         now = inputs[newer]
     return now
 
 
 def advance_reference_input(s, bank, interval, slot, work):
-    """Carry the REFERENCE_INPUT channel over the newest interval, as the input's is."""
+    """Advance the REFERENCE_INPUT channel by the newest interval, in the same way as the INPUT channel."""
     n, T, newest = s.order, s.entries, s.ring_head
     if s.delay > 0.0:
         s.reference_input_now = advance_delayed_input(s, bank, interval, slot, work, bk.REFERENCE_INPUT)
@@ -145,7 +145,7 @@ def advance_reference_input(s, bank, interval, slot, work):
 
 
 def follow_input(s, interval):
-    """Find the delayed input at the newest sample, and what a reference explains of it, before the filters begin."""
+    """Update the delayed input, and the part that a reference explains, before the filters begin."""
     n, T, bank, work = s.order, s.entries, s.banks[s.serving_bank], s.work
     slot = bk.discretization(bank, n, T, interval, work)
     s.input_now = advance_delayed_input(s, bank, interval, slot, work, bk.INPUT)
@@ -154,7 +154,7 @@ def follow_input(s, interval):
 
 
 def advance_bank(s, bank, interval, y, channels):
-    """Carry a bank but MODEL, whose newest value is not known, over the newest interval; return the discretisation."""
+    """Advance all channels but MODEL, whose newest value is unknown, by the newest interval; return its solution."""
     n, T, newest = s.order, s.entries, s.ring_head
     work = s.work
     slot = bk.discretization(bank, n, T, interval, work)
@@ -163,7 +163,7 @@ def advance_bank(s, bank, interval, y, channels):
         s.input_now = advance_delayed_input(s, bank, interval, slot, work, bk.INPUT)
         if channels > bk.INPUT + 1 and s.has_reference:
             advance_reference_input(s, bank, interval, slot, work)
-        # once more: the discretisations of the pieces may have taken the place of that of the whole interval
+        # again: the discretisations of the pieces may have replaced that of the whole interval
         slot = bk.discretization(bank, n, T, interval, work)
         bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last_y, y, work)
     else:
@@ -184,7 +184,7 @@ def advance_bank(s, bank, interval, y, channels):
     "0 <= which < 3 and theta.size >= s.entries",
 )
 def install_model(s: StateArrays, which: int, theta: Reals):
-    """Make the scaled estimate ``theta`` a bank's auxiliary model, with its denominator, unstable roots reflected."""
+    """Make the scaled estimate ``theta`` the auxiliary model of a bank; its unstable poles are reflected in D."""
     n, T, inputs = s.order, s.entries, s.input_entries
     bank = s.banks[which]
     work = s.work
@@ -200,15 +200,15 @@ def install_model(s: StateArrays, which: int, theta: Reals):
     for i in range(T):
         bank[weights + i] = theta[i] * s.output_scale
     if s.has_constant and not s.refined:
-        # what is one behind the fixed filter is lambda_0 in front of it
+        # a constant of one after the fixed filter is lambda_0 before it
         bank[weights + n + inputs] *= s.banks[0, bk.DENOMINATOR + n - 1]
 
 
 def renew_model(s):
-    """Make before break: a bank with the newest estimate warms up beside the serving one, then takes over.
+    """Warm up a bank with the newest estimate beside the one in use, then switch; return whether it has switched.
 
-    To change the filter under its states would feed its transients back into the estimate, which in ill-conditioned
-    problems runs away even without noise.
+    If the filter changed under its states, the transient would feed back into the estimate, which diverges in
+    ill-conditioned problems even without noise.
     """
     if s.elapsed < s.ready_at:
         return False
@@ -237,8 +237,8 @@ def renew_model(s):
 def fill_regressor(s, bank, y, fixed):
     """Fill phi and zeta from a bank and return the scaled target s^n/D y.
 
-    The linear form is (4) with lambda on the left: s^n/Lambda y = phi' [a, b], so that the estimate is in the plant's
-    parameters whatever the filter is, and the error is that of (8).
+    The linear form is (4) with lambda on the left: s^n/Lambda y = phi' [a, b].  So the estimate has the plant's
+    parameters for any filter, and the error is that of (8).
     """
     n, T, inputs, constant = s.order, s.entries, s.input_entries, s.has_constant
     refined = s.refined
@@ -256,9 +256,9 @@ def fill_regressor(s, bank, y, fixed):
 
 
 def model_output(s, bank, slot, before, fixed):
-    """Return the predicted output of a bank's model, known before the newest output is.
+    """Return the output predicted by a bank's model, before the newest output is used.
 
-    ``slot``: the newest interval's discretisation; ``before`` (n,): the OUTPUT states before it, which are overwritten.
+    ``slot``: the discretisation of the newest interval; ``before`` (n,): the OUTPUT states before it, overwritten.
     """
     n, T = s.order, s.entries
     known = bk.fill_known_entries(
@@ -270,14 +270,14 @@ def model_output(s, bank, slot, before, fixed):
 
 
 def filters_begin(s, u, y, interval):
-    """Take an input into the rings; return whether the filters begin with this sample."""
+    """Add an input to the rings; return whether the filters begin with this sample."""
     if not s.started:
         begin(s, u, y)
         return True
     remember_input(s, u, interval)
     if not s.unknown_input > 0.0:
         return False
-    follow_input(s, interval)  # the state that this input leaves is free, so that the filters begin there
+    follow_input(s, interval)  # the state after an unknown input is free: the filters begin here
     begin_filters(s)
     left = s.unknown_input - interval
     s.unknown_input = left if left > bk.SAME_INTERVAL * interval else 0.0
@@ -285,7 +285,7 @@ def filters_begin(s, u, y, interval):
 
 
 def observe(s, u, y, interval):
-    """Take an accepted sample through dead time, filters and model; fill phi and zeta; return the scaled target."""
+    """Pass an accepted sample through dead time, filters and model; fill phi and zeta; return the scaled target."""
     if s.samples > 0:
         s.elapsed += interval
     n, T, refined, modelled = s.order, s.entries, s.refined, s.instruments
@@ -318,7 +318,7 @@ def observe(s, u, y, interval):
             bank[bk.MODEL_OUTPUT] = output
     s.last_output = y
     target = fill_regressor(s, s.banks[s.serving_bank if refined else 0], y, not refined)
-    if s.unknown_input > 0.0:  # such a sample says nothing
+    if s.unknown_input > 0.0:  # the delayed input is unknown: the sample carries no information
         for i in range(T):
             s.phi[i] = s.zeta[i] = 0.0
         return 0.0

@@ -1,17 +1,18 @@
-r"""Where the roots of a polynomial lie, without computing them, and polynomials whose unstable roots are reflected.
+r"""Location of the roots of a polynomial, and reflection of its unstable roots.
 
-A polynomial s^n + a[0] s^(n-1) + ... + a[n-1] is given by its n lower coefficients; Routh's array tells of its roots.
+A polynomial s^n + a[0] s^(n-1) + ... + a[n-1] is given by its n lower coefficients.  Routh's array locates the roots
+without computing them.
 
-A denominator D is A with the unstable roots reflected in the imaginary axis: |A/D| = 1 on it, and 1/D can be a filter.
-The roots come from Aberth and Ehrlich's iteration, in real arithmetic: a root p is (re, im).
+The denominator D is A with the unstable roots reflected in the imaginary axis: |A/D| = 1 on it, and 1/D is a stable
+filter.  The roots come from the iteration of Aberth and Ehrlich, in real arithmetic: a root p is (re, im).
 
 Source: Bini (1996), "Numerical computation of polynomial zeros by means of Aberth's method", Numerical Algorithms 13.
 """
 
 import math
 
-# 2^-200 of a pole's magnitude is far below what float64 tells from an integrator
-HALVINGS = 200  # halvings of a margin until it counts as nought [count]
+# float64 cannot distinguish a pole of 2^-200 of the others' magnitude from an integrator
+HALVINGS = 200  # halvings after which a margin counts as zero [count]
 
 
 def all_left_of(a, margin, work):
@@ -49,8 +50,8 @@ def all_left_of(a, margin, work):
 
 
 def slowest_decay(a, work):
-    """Return the distance of the rightmost root from the imaginary axis, within a factor of two from below."""
-    # the real parts sum to -a[0], so that the rightmost lies no further left than this: halved until Routh agrees
+    """Return a lower bound, within a factor of two, of the distance of the rightmost root from the imaginary axis."""
+    # the real parts sum to -a[0], so this is an upper bound; it is halved until Routh's test passes
     margin = a[0] / a.size
     for _ in range(HALVINGS):
         if all_left_of(a, margin, work):
@@ -60,7 +61,7 @@ def slowest_decay(a, work):
 
 
 def bandwidth(a):
-    """Return max |a_i|^(1/(i+1)): no root exceeds twice, the largest an n-th of it; infinite where one is no number."""
+    """Return max |a_i|^(1/(i+1)), infinite for NaN: the largest root lies between an n-th and twice of it."""
     largest = 0.0
     for i in range(a.size):
         if math.isnan(a[i]):
@@ -69,22 +70,22 @@ def bandwidth(a):
     return largest
 
 
-# simple roots take less than ten, and what is left of a multiple one halves with each
-ITERATIONS = 200  # iterations at the most [count]
+# simple roots take less than ten; the error of a multiple root halves with each
+ITERATIONS = 200  # most iterations [count]
 # a few times the precision of float64
-STILL = 1e-15  # step of a root below which it stands still [part of the roots' size]
-# guesses that mirror each other would stay so
-ANGLE = 0.4  # angle of the first guess of a root from the real axis, beside those evenly around [rad]
+STILL = 1e-15  # step of a root below which it has converged [part of the roots' size]
+# guesses symmetric to the real axis would stay symmetric
+ANGLE = 0.4  # angle by which the evenly spaced first guesses are rotated from the real axis [rad]
 
 
 def reflect(a, margin, work):
     """Reflect the roots of s^n + a[0] s^(n-1) + .. to the left of -margin, in place; ``work`` holds 4 n + 2 numbers.
 
-    Where the roots leave float64 they all become minus their size.
+    If the roots overflow, all of them become minus their common bound.
     """
     n = a.size
     re, im, product = work[:n], work[n : 2 * n], work[2 * n :]
-    size = 0.0  # no root is larger than twice this
+    size = 0.0  # half of an upper bound of the roots' magnitude
     for i in range(n):
         size = max(size, abs(a[i]) ** (1.0 / (i + 1)))
     if not size > 0.0:

@@ -1,13 +1,13 @@
-r"""The reference of a loop, sample by sample: what it explains of input and output, from which instruments are made.
+r"""Projection of input and output on the reference of a loop, sample by sample, from which instruments are made.
 
-The reference r is applied from outside, as a set-point or a dither is, and does not depend on the noise.  Input and
-output are projected on it, sample by sample:
+The reference r is applied from outside, such as a set-point or a dither, and does not depend on the noise.  The
+projections are
 
 .. math:: u_{r,k} = w_u^T l_k, \qquad y_{r,k} = w_y^T l_k,
 
-where l holds the states of the discrete Laguerre functions of r - r_0 and a one.  The weights are those before the
-sample, so that u_r and y_r depend on r and on past noise alone.  An error of the weights costs variance, never bias.
-Recursive least squares finds them; input and output share its gain, as they have the same regressor.
+where l holds the states of the discrete Laguerre functions of r - r_0, and a one.  The weights are those before the
+sample, so that u_r and y_r depend only on r and on past noise.  An error of the weights adds variance, never bias.
+Recursive least squares estimates them; input and output share the gain, as they have the same regressor.
 
 Sources: Van den Hof and Schrama (1993), "An indirect method for transfer function estimation from closed loop data",
 Automatica 29; Wahlberg (1991), "System identification using Laguerre models", IEEE Transactions on Automatic
@@ -24,7 +24,7 @@ SIZE = LAGUERRE + 1  # functions, and the constant [count]
 
 
 def carry_on(states, a, r):
-    """Carry the functions, sqrt(1 - a^2) / (1 - a/z) and (1/z - a) / (1 - a/z) of the one before, on by a sample r."""
+    """Advance the functions by r: sqrt(1 - a^2) / (1 - a/z), then each (1/z - a) / (1 - a/z) of the previous one."""
     before = states[0]
     states[0] = a * before + math.sqrt(1.0 - a * a) * r
     for i in range(1, LAGUERRE):
@@ -38,7 +38,7 @@ def carry_on(states, a, r):
     "written.shape[0] >= signals.shape[0] and written.shape[1] >= LAGUERRE * poles.size",
 )
 def functions(signals: Matrix, poles: Reals, states: Matrix, written: Matrix):
-    """Write the functions (K, S L) of signals (K, S), each with a pole of its own, from ``states`` (S, L) on."""
+    """Write the functions (K, S L) of signals (K, S), each with its own pole, starting from ``states`` (S, L)."""
     for k in range(signals.shape[0]):
         for i in range(poles.size):
             carry_on(states[i], poles[i], signals[k, i])
@@ -47,7 +47,7 @@ def functions(signals: Matrix, poles: Reals, states: Matrix, written: Matrix):
 
 
 def explained(reference, which):
-    """Return w' l, of the input (0) or of the output (1)."""
+    """Return the projection w' l of the input (0) or of the output (1)."""
     total = 0.0
     for i in range(SIZE):
         total += reference.weights[which, i] * reference.states[i]
@@ -55,7 +55,7 @@ def explained(reference, which):
 
 
 def project(s):
-    """Take the newest reference: what it explains of input and output, by what was known before."""
+    """Take the newest reference, and project input and output on it with the weights of the previous sample."""
     reference = s.reference
     carry_on(reference.states, reference.pole, s.reference_now - reference.origin)
     s.input_by_reference = explained(reference, 0)
@@ -63,7 +63,7 @@ def project(s):
 
 
 def learn(s, u, y):
-    """Let the weights learn the newest input and output; they forget nothing."""
+    """Update the weights with the newest input and output, without forgetting."""
     reference, gain = s.reference, s.work[SIZE:]
     alpha = measurement_update(SIZE, reference.factors, reference.diagonal, reference.states, 1.0, s.work, gain)
     for_input = (u - explained(reference, 0)) / alpha

@@ -1,22 +1,22 @@
-"""Simulation of B/A on any clock: the output by the input, and what a state at the beginning adds to it.
+"""Simulation of B/A on any clock: the response to the input, and the free response to an initial state.
 
-The input runs in pieces from sample to sample, held or straight; after the dead time each acts for as long as it lasts.
-Over an interval between two samples the companion states are carried piece by piece, exactly.
+The input consists of pieces from sample to sample, held or linear, which act after the dead time.  Over an interval
+between two samples the companion states are advanced piece by piece, exactly.
 """
 
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.chain import moved_share
 from replant.kernels.native import Matrix, Reals, kernel
 
-# places in ``progress``: whole samples, then time in s, until the first input acts; time for which the piece that acts
-# has acted, in s; the delayed input; a truth: whether there was a sample
+# places in ``progress``: whole samples, then time in s, until the first input acts; time in s that the present piece
+# has acted; the delayed input; a flag: whether there was a sample
 LAG, WAIT, USED, NOW, BEGUN = range(5)
 PROGRESS = 5  # numbers in ``progress`` [count]
-NOTHING = 1e-200  # size of a free response that has died out, before its numbers become slow ones (denormal) [number]
+NOTHING = 1e-200  # size below which a free response has decayed; denormal numbers would be slow [number]
 
 
 def advance_free(n, solution, free, new):
-    """Carry the responses (n,) to a unit of each state over one interval, free' = free' Ad."""
+    """Advance the responses (n,) to a unit of each state by one interval, free' = free' Ad."""
     for j in range(n):
         total = 0.0
         for i in range(n):
@@ -27,7 +27,7 @@ def advance_free(n, solution, free, new):
 
 
 def lives(n, free):
-    """Say whether a response (n,) has not died out; NaN lives."""
+    """Return whether a response (n,) has not decayed yet; true for NaN."""
     for i in range(n):
         if not abs(free[i]) <= NOTHING:
             return True
@@ -45,33 +45,36 @@ def simulate(
     bank: Reals, states: Reals, work: Reals, row: Reals, feedthrough: float, progress: Reals, samples: Reals,
     lengths: Reals, dt: float, straight: bool, output: Reals, free: Matrix,
 ):  # fmt: skip
-    """Take the newest samples (K,).
+    """Simulate the newest samples (K,).
 
-    Returns the place of the sample at the end of the piece that acts next; how many of the newest samples answer to
-    inputs from before the first one; how many the free responses live.
+    Returns the place of the sample at the end of the piece that acts next; how many of the newest samples respond to
+    inputs from before the record; for how many of them the free responses last.
 
     Parameters
     ----------
     bank : array
-        Of `bank.size(n, 0)` numbers, with scale and characteristic: it keeps the discretisations.
+        `bank.size(n, 0)` numbers, with scale and characteristic; it stores the discretisations.
     states : (2 n,) array
         The companion states, and the responses to a unit of each state.
     work : (3 (n + 2)^2,) array
     row : (n,) array
-        From the companion states to the output, ``feedthrough`` beside it.
+        Output row for the companion states; ``feedthrough`` is the factor of the input.
     progress : (PROGRESS,) array
+        See `LAG`; changed in place.
     samples : (2 + W + K,) array
-        Inputs: two ahead of the piece that acts next, those that wait, and the newest.
+        Inputs: the two before the piece that acts next, W that wait for the dead time, the newest.
     lengths : (2 + W + K,) or (1,) array
-        Interval before each of them, or that before all, in s.
+        Interval before each of these, or one for all, in s.
     dt : float
-        Usual interval in s: after 1.5 of it a held input is taken to have moved.
+        Usual interval in s: a held input is assumed to have moved in intervals longer than 1.5 times this.
     straight : bool
+        Whether the input is linear between samples; else it is held.
     output : (K,) array
+        Written.
     free : (K, n) array of zeros, or (0, n)
-        Written until they have died out.  Without rows the plant is at rest and its input zero before the first sample;
-        with rows it is at rest at the first sample that answers to the record's inputs, and its input was always the
-        first one.
+        Free responses, written until they have decayed.  Without rows the plant is at rest and its input zero before
+        the first sample.  With rows it is at rest at the first sample that responds to the inputs of the record, and
+        earlier inputs equal the first one.
     """
     n, regular, at_rest = row.size, lengths.size == 1, free.shape[0] == 0
     inputs, intervals = samples, lengths
@@ -96,7 +99,7 @@ def simulate(
                 unknown += 1
             else:
                 progress[NOW] = inputs[front - 1]
-        while left > same and front < inputs.size:  # lengths below nought would lead beyond
+        while left > same and front < inputs.size:  # negative lengths would lead beyond the end
             last, coming, length = inputs[front - 1], inputs[front], intervals[0 if regular else front]
             wanted = length - progress[USED]
             ends = wanted <= left + same
@@ -124,7 +127,7 @@ def simulate(
                 progress[USED], progress[NOW] = progress[USED] + wanted, end
         total = feedthrough * progress[NOW]
         for i in range(n):
-            if waits and not at_rest:  # the state that such an input leaves is free: the run begins here
+            if waits and not at_rest:  # the state after unknown inputs is free: the run begins here
                 x[i] = 0.0
             total += row[i] * x[i]
         output[k] = total

@@ -1,16 +1,16 @@
 """Sums of products over the samples of a record: of the columns of a matrix, and of a residual with its past.
 
-Samples are taken `WIDTH` at a time, so that the processor multiplies them side by side.  BLAS takes as long, but NumPy
-holds the interpreter meanwhile, as the result is small: other threads wait.
+`WIDTH` samples are multiplied at a time, in SIMD registers.  BLAS takes as long, but NumPy holds the interpreter's lock
+for a product with a small result, so that other threads wait.
 """
 
 from replant.kernels.native import Cube, Ints, Matrix, Reals, inlined, kernel, side_by_side
 
-WIDTH = 16  # samples that are multiplied side by side: twice as many as the widest processors take at once [count]
+WIDTH = 16  # samples multiplied side by side: twice as many as the widest vector registers hold [count]
 
 
 def clear(numbers):
-    """Write zeros."""
+    """Set all numbers to zero."""
     for i in range(numbers.shape[0]):
         for m in side_by_side(WIDTH):
             numbers[i, m] = 0.0
@@ -18,7 +18,7 @@ def clear(numbers):
 
 @inlined
 def add(turned, parts):
-    """Add the products of some samples' numbers (T, WIDTH) to ``parts`` (T T, WIDTH)."""
+    """Add the products of ``turned`` (T, WIDTH), a column for each sample, to ``parts`` (T T, WIDTH)."""
     T = turned.shape[0]
     for i in range(T):
         for j in range(i + 1):
@@ -27,7 +27,7 @@ def add(turned, parts):
 
 
 def finish(parts, sums):
-    """Write the sums (T, T) of parts."""
+    """Write the totals of ``parts`` to ``sums`` (T, T)."""
     T = sums.shape[0]
     for i in range(T):
         for j in range(i + 1):
@@ -44,7 +44,7 @@ def finish(parts, sums):
     "parts.shape[0] == columns.shape[1] * columns.shape[1] and parts.shape[1] == WIDTH",
 )
 def products(columns: Matrix, edges: Ints, sums: Cube, turned: Matrix, parts: Matrix):
-    """Write X' X (T, T) of the rows X of ``columns`` (K, T) before, between and behind E edges into E + 1 ``sums``.
+    """Write X' X (T, T) of the rows X of ``columns`` (K, T) before, between and after E edges into E + 1 ``sums``.
 
     Edges ascend.  ``turned`` (T, WIDTH) and ``parts`` (T T, WIDTH) are work.
     """
@@ -72,7 +72,7 @@ def products(columns: Matrix, edges: Ints, sums: Cube, turned: Matrix, parts: Ma
     "parts.shape[0] == sums.shape[0] * sums.shape[0] and parts.shape[1] == WIDTH",
 )
 def lagged_products(error: Reals, known: Ints, sums: Matrix, turned: Matrix, parts: Matrix):
-    """Write the sums (P + 1, P + 1) of e_{k-i} e_{k-j} over samples with P ``known`` predecessors; return how many.
+    """Write the sums (P + 1, P + 1) of e_{k-i} e_{k-j} over samples with P ``known`` predecessors; return their count.
 
     ``error`` and ``known`` are (K,); ``turned`` (P + 1, WIDTH) and ``parts`` ((P + 1)^2, WIDTH) are work.
     """
@@ -96,9 +96,9 @@ def lagged_products(error: Reals, known: Ints, sums: Matrix, turned: Matrix, par
 
 @kernel("0 <= first and first + weights.size < columns.shape[1] and error.size == columns.shape[0]")
 def explain(columns: Matrix, first: int, weights: Reals, error: Reals):
-    """Take what N columns from ``first`` on explain, by their weights (N,), off the last one of ``columns`` (K, T).
+    """Subtract N columns from ``first`` on, times their weights (N,), from the last one of ``columns`` (K, T).
 
-    Write what is left of it to ``error`` (K,), too, and return the sum of its squares.
+    Write the residual to ``error`` (K,) as well, and return the sum of its squares.
     """
     last, power = columns.shape[1] - 1, 0.0
     for k in range(error.size):

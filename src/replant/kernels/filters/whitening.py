@@ -1,4 +1,4 @@
-r"""The noise model in the recursion: regressor, instruments and target are filtered until their residual is white.
+r"""The noise model in the recursion: it filters regressor, instruments and target so that their residual is white.
 
 The residual e = target - phi' theta is modelled as an autoregression,
 
@@ -6,13 +6,13 @@ The residual e = target - phi' theta is modelled as an autoregression,
 
 and the estimator learns from the row g D(q) [phi, zeta, target], whose residual is g w.  Order p, at most LAGS, and
 coefficients come from sums of e_{k-i} e_{k-j} over all samples learned; they are renewed with the auxiliary model.
-Where the residual is an error of the model, not noise, rows are not filtered, see
+If the residual is an error of the model, not noise, rows are not filtered, see
 `replant.estimation.solver.specification_test`.
 
-Where the past is broken (a lost sample, a gap, a bridged output) only j < p predecessors are known.  The best model of
-order j filters then, whose residual has the larger variance V_j; the weight g^2 = gain V_0 / V_j makes up for it: the
+After a break (a lost sample, a gap, a bridged output) only j < p predecessors are known.  Then the best model of order
+j filters, whose residual has the larger variance V_j.  The weight g^2 = gain V_0 / V_j compensates for it: the
 likelihood of an autoregression with a missing past.  ``gain`` is V_p / V_0 of the model that the optimizer's covariance
-was begun with, so that this stays in one unit: the variance ``gain`` V_0 of g w.
+was begun with, so that the covariance keeps its unit: the variance ``gain`` V_0 of g w.
 
 Sources: Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8; Ljung (1999), "System Identification:
 Theory for the User", sections 7.3 and 10.3.
@@ -23,19 +23,19 @@ import math
 from replant.kernels.filters.autoregressions import nested_models
 from replant.kernels.schema import LAGS, Doubt
 
-# beyond half an interval the sample nearest in time is another one
+# beyond half an interval another sample is nearest in time
 JITTER = 0.5  # difference from the sampling time beyond which an interval breaks the residual's past [sampling times]
-# a coefficient of an autoregression has a standard deviation of at most 1/sqrt(64), an eighth
-ENOUGH = 64.0  # residuals from which on the noise model is renewed [samples]
+# a coefficient of an autoregression then has a standard deviation of at most 1/sqrt(64), an eighth
+ENOUGH = 64.0  # residuals needed to renew the noise model [samples]
 
 
 def before(row):
-    """Return the row of the ring that was written before this one."""
+    """Return the row of the ring written before this one."""
     return row - 1 if row > 0 else LAGS
 
 
 def filter_row(T, noise, phi, zeta, target):
-    """Keep the newest row, and filter it in place; return the filtered target."""
+    """Store the newest row, and filter it in place; return the filtered target."""
     newest = int(noise.position) + 1
     if newest == LAGS + 1:
         newest = 0
@@ -52,7 +52,7 @@ def filter_row(T, noise, phi, zeta, target):
         return target
     weight = math.sqrt(noise.gain * noise.variances[0] / noise.variances[lags])
     d = noise.models[lags]
-    # those beyond the order are zero, so that all four earlier rows can be read at once
+    # coefficients beyond the order are zero, so that all four earlier rows can be read at once
     d_1, d_2, d_3, d_4 = d[1], d[2], d[3], d[4]
     first = before(newest)
     second = before(first)
@@ -67,12 +67,12 @@ def filter_row(T, noise, phi, zeta, target):
 
 
 def gain(s):
-    """Return the residual's variance in the unit of the optimizer's covariance, over that of the filtered residual."""
+    """Return the variance of the filtered residual over that of the residual; 1 without a noise model."""
     return s.noise.gain if s.has_noise_model else 1.0
 
 
 def whiten(s, target, interval):
-    """Filter regressor, instruments and target, but for a bridged output, which breaks the past; return the target."""
+    """Filter regressor, instruments and target, unless the output was bridged; return the target."""
     noise = s.noise
     if abs(interval - s.interval) > JITTER * s.interval:
         noise.known = 0.0
@@ -83,9 +83,9 @@ def whiten(s, target, interval):
 
 
 def add_residuals(noise, newest, theta, errors, forgetting):
-    """Add the products of the residual of the row ``newest`` and its LAGS predecessors; the numbers may be vectors."""
+    """Add the products of the residuals of row ``newest`` and its LAGS predecessors; the numbers may be vectors."""
     T, size, at_row = theta.size, LAGS + 1, newest
-    # all of this theta: it moves by little beside the residual, not beside what is left of a smooth one once filtered
+    # all residuals with the same theta: its small moves would not be small beside the innovation of a smooth residual
     for lag in range(size):
         row = noise.rows[at_row]
         error = row[2 * T]
@@ -100,14 +100,14 @@ def add_residuals(noise, newest, theta, errors, forgetting):
 
 
 def record(s):
-    """Take the newest sample's residual, before its update, into the sums that the noise model is made from."""
+    """Add the newest residual, before its update, to the sums of the noise model, if its past is complete."""
     if s.noise.known > LAGS:
         add_residuals(s.noise, int(s.noise.position), s.theta, s.work, s.settings[0])
 
 
 def renew(s):
-    """Renew the models of all orders, and the order in use, with the auxiliary model, where residuals are enough."""
+    """Renew the models of all orders, and the order in use, if there are enough residuals."""
     noise = s.noise
-    noise.known = 0.0  # the rows so far came from another filter
+    noise.known = 0.0  # earlier rows came from another filter
     if noise.count >= ENOUGH:
         noise.order = nested_models(noise.sums, noise.count, noise.models, noise.variances, s.work)

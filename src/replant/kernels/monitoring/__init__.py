@@ -1,1 +1,1 @@
-"""What watches the samples: outliers, interruptions, the residual's colour, the estimate's path."""
+"""Monitoring of the samples: outliers, interruptions, colour of the residual, path of the estimate."""

@@ -1,13 +1,13 @@
-"""How much better another model fits since each of some samples, see `replant.estimation.solver.change_search`."""
+"""The gain in fit if the model changes at each of some samples, see `replant.estimation.solver.change_search`."""
 
 from replant.kernels.native import Cube, Matrix, Reals, inlined, kernel
 
-# some hundred thousand times float64's precision, as sums of squares have half the digits
-SAME = 1e-9  # power that others leave of a column since some sample, below which it tells nothing [part of all of it]
+# far above the precision of float64, as sums of squares lose half the digits
+SAME = 1e-9  # power left of a column by the others below which it depends on them linearly [part of its power]
 
 
 def eliminate(matrix, j, least):
-    """Take what a row explains off those below it; return whether those above have left more of it than the least."""
+    """Eliminate column ``j`` from the rows below its pivot, if the pivot exceeds ``least``; return whether it does."""
     pivot, rows = matrix[j, j], matrix.shape[0]
     if not pivot > least:
         return False
@@ -20,7 +20,7 @@ def eliminate(matrix, j, least):
 
 @inlined
 def place(i, size, T):
-    """Return which of T columns is the i-th where the first ``size`` go last."""
+    """Return which of T columns is the i-th if the first ``size`` are moved to the end."""
     return size + i if size + i < T else size + i - T
 
 
@@ -29,16 +29,16 @@ def place(i, size, T):
     "matrix.shape[0] == 2 * (sums.shape[1] - 1) and matrix.shape[1] == matrix.shape[0] + 1",
 )
 def since_each(sums: Cube, size: int, statistics: Reals, matrix: Matrix):
-    """Write g' C^-1 g of the first ``size`` columns since each of B samples, less what the others since explain.
+    """Write g' C^-1 g of the first ``size`` columns since each of B samples, after elimination of the other columns.
 
-    ``sums`` (B + 1, T + 1, T + 1) are those of the products of T columns and a residual: M and m of all samples, M_b
-    and m_b since each.  Elimination of the first half of
+    ``sums`` (B + 1, T + 1, T + 1) are sums of products of T columns and a residual: M and m over all samples, M_b and
+    m_b over those since each.  Elimination of the first half of
 
         [ M    M_b | m   ]
         [ M_b  M_b | m_b ]
 
-    leaves C = M_b - M_b M^-1 M_b and g = m_b - M_b M^-1 m in the second, of which the other columns go first.
-    ``matrix`` (2 T, 2 T + 1) is work.
+    leaves C = M_b - M_b M^-1 M_b and g = m_b - M_b M^-1 m in the second half, where the other columns are eliminated
+    first.  ``matrix`` (2 T, 2 T + 1) is work.
     """
     T = sums.shape[1] - 1
     for b in range(statistics.size):

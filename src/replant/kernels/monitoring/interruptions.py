@@ -1,4 +1,4 @@
-"""What interrupts learning: an input that rests, a gap in the record, a clock that was set."""
+"""Interruptions of learning: an input at rest, a gap in the record, a clock that was reset."""
 
 import math
 
@@ -15,22 +15,22 @@ from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 from replant.kernels.optimizers.memory import block
 from replant.kernels.schema import StateArrays
 
-# at ten times as many one such sample would pass for the largest input ever, beside which all later ones rest; at a
-# tenth a single pulse may be one
-INPUT_LEAP = 1e3  # distance beyond which an input leaps [largest moving standard deviations that it so far had]
+# at ten times this a misread input would be accepted, and all later inputs would seem at rest beside it; at a tenth a
+# single pulse may be a leap
+INPUT_LEAP = 1e3  # distance from the mean beyond which an input leaps [largest moving standard deviation so far]
 # a thousandth of the amplitude
-AT_REST = 1e-6  # moving variance of the input below which it rests [part of the largest that it has been]
-LONGEST = 1e9  # longest time that a gap counts as [sampling times]
-# ten times the largest that the output was
-UNKNOWN = 100.0  # variance of an initial state that is not known [largest square of the modelled output lately]
-# where there is no noise at all
-LEAST_NOISE = 1e-12  # least variance of the residual that such a variance is compared with [part of that square]
-# what is left of it is then exp(-5), 0.7 %
-SETTLE = 5.0  # time to wait after a gap where the initial state is not estimated [slowest time constants]
+AT_REST = 1e-6  # moving variance of the input below which it is at rest [part of the largest so far]
+LONGEST = 1e9  # longest interval that a gap counts as [sampling times]
+# ten times the largest recent output
+UNKNOWN = 100.0  # variance of an unknown initial state [recent largest square of the modelled output]
+# for records without noise
+LEAST_NOISE = 1e-12  # least variance of the residual, as the unit of that variance [part of that square]
+# exp(-5), 0.7 %, of the initial state then remains
+SETTLE = 5.0  # time to wait after a gap if the initial state is not estimated [slowest time constants]
 
 
 def input_rests(s, u):
-    """Return whether the input has come to rest: its moving variance says so, or it has not moved for a memory."""
+    """Return whether the input is at rest: its moving variance is small, or it is constant for too long."""
     if s.samples == 0:
         s.input_mean = s.input_anchor = u
     share = s.forget_input
@@ -39,7 +39,7 @@ def input_rests(s, u):
     s.input_power += share * (away * away - s.input_power)
     s.largest_power = max(s.largest_power, s.input_power)
     least = AT_REST * s.largest_power
-    # an optimizer that forgets must not wait for the variance: it would have forgotten all by then
+    # an optimizer that forgets cannot wait for the variance: by then it would have forgotten everything
     if s.rest_after > 0:
         step = u - s.input_anchor
         s.input_still += 1
@@ -52,22 +52,22 @@ def input_rests(s, u):
 
 
 def unit_of_covariance(s):
-    """Return the variance that the covariance of recursive least squares is a multiple of: that of what it learns."""
+    """Return the unit of the covariance of recursive least squares: the variance of the residual that it learns."""
     usual = max(s.usual_variance, LEAST_NOISE * s.largest_output, np.finfo(np.float64).tiny)
     return whitening.gain(s) * usual
 
 
 def begin_initial_state(s, y):
-    """Take the initial state for that of an output that stood at ``y``, and for unknown: learning goes on."""
+    """Set the initial state to that of a constant output ``y``, with a large covariance, so that learning goes on."""
     n, T = s.order, s.entries
     first, theta, (U, D) = T - n, s.theta, second.factors_of(s)
     variances, bank = s.work[:n], s.banks[s.serving_bank]
-    # the refined filter estimates the state beside the parameters; the auxiliary model begins there, too, as
-    # instruments far from the regressor would do harm
+    # the refined filter estimates the state with the parameters; the auxiliary model starts from the same state, as
+    # instruments far from the regressor would harm the estimate
     size = UNKNOWN * max(s.largest_output, np.finfo(np.float64).tiny) * (s.output_scale * s.output_scale)
     if not y * y < size:
         y = 0.0
-    for i in range(n):  # (s^(n-1) + a_(n-1) s^(n-2) + ..)/A of an impulse is one at first, and flat
+    for i in range(n):  # the response (s^(n-1) + a_(n-1) s^(n-2) + ..)/A to an impulse starts at one, with slope zero
         unit = s.unit[first + i]
         mean = y if i == 0 else y * bank[bk.DENOMINATOR + i - 1]
         theta[first + i] = mean / unit
@@ -86,7 +86,7 @@ def begin_initial_state(s, y):
 
 @kernel(LAID_OUT)
 def interrupt(s: StateArrays, interval: float):
-    """Begin the filters anew after a gap: parameters stay, learning waits until what is unknown has died out."""
+    """Restart the filters after a gap: parameters stay, learning waits until the unknown initial state has decayed."""
     n = s.order
     s.gaps += 1
     s.gap_at = s.samples
@@ -96,18 +96,18 @@ def interrupt(s: StateArrays, interval: float):
     bank = s.banks[s.serving_bank] if s.instruments else s.banks[0]
     decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], s.work)
     wait = SETTLE / decay if decay > 0.0 else 0.0
-    if s.instruments:  # a model that hardly forgets is not waited for longer than it has been known
+    if s.instruments:  # a slow model must not delay learning longer than the record lasted so far
         wait = min(wait, s.elapsed)
     now = s.elapsed + interval
     s.learn_from = s.ready_at = now + wait
-    # the refined filter estimates the initial state; not where the parameters may have walked meanwhile, as far as they
-    # may then go with instruments that are not yet like the regressor
+    # the refined filter estimates the initial state, so learning need not wait; a random walk of the parameters must
+    # wait: its covariance grows meanwhile, and instruments still differ from the regressor
     if s.refined and s.algorithm == RECURSIVE_LEAST_SQUARES:
         s.learn_from = now
 
 
 def clock_was_set(s, t):
-    """Count a stamp that does not advance; return whether so many in a row advance that it is the clock's new time."""
+    """Count an earlier stamp; return whether enough of them advance in a row to show that the clock was reset."""
     s.earlier_stamps = s.earlier_stamps + 1 if s.earlier_stamps > 0 and t > s.earlier_time else 1
     s.earlier_time = t
     if s.earlier_stamps <= at.MOST_EARLIER:
@@ -117,10 +117,10 @@ def clock_was_set(s, t):
 
 
 def leave(s, u, y, t, r, confirms):
-    """Leave a sample that leaps; return by how much more are rejected.
+    """Hold back a sample that leaps; return the change of the number of rejected samples.
 
-    Where it ``confirms`` the one that is held back, the identifier takes that, and this one once more.  Else it is held
-    back itself, until the next one tells whether it was misread.
+    If it ``confirms`` the sample held back, the identifier takes that one, and then this one again.  Otherwise it is
+    held back itself, until the next one shows whether it was misread.
     """
     if confirms:
         s.held_at = at.BELIEVED
@@ -134,13 +134,13 @@ def leave(s, u, y, t, r, confirms):
 
 
 def is_far(s, u):
-    """Return whether an input is far beyond all before, where these are known."""
+    """Return whether an input is far beyond all earlier ones; never before the first."""
     away = u - s.input_mean
     return away * away > INPUT_LEAP * INPUT_LEAP * s.largest_power > 0.0
 
 
 def input_leaps(s, u, y, t, r):
-    """Return whether a sample whose input is far away is to be left: alone it was misread, two in a row are a move."""
+    """Return whether to leave out a sample with a far input: one alone was misread, two in a row are a real move."""
     if s.held_at == at.BELIEVED:
         return False
     if math.isinf(t):
@@ -151,19 +151,19 @@ def input_leaps(s, u, y, t, r):
 
 
 def time_leaps(s, u, y, t, r):
-    """Return whether a sample whose stamp leaps ahead is to be left: the next one shows whether it was misread."""
+    """Return whether to leave out a sample whose stamp leaps ahead: the next one shows whether it was misread."""
     leap, held = at.LEAP * s.interval, s.held_time
     if s.held_at == at.BELIEVED:
         return False
     ahead = held - s.last_time
-    # it was not where that comes soon after it, or hardly further ahead than it had leapt: there are slow rigs
+    # the held stamp is confirmed by one up to LEAP after it, or, for slow rigs, up to twice its own leap after it
     soon = ahead > leap and 0.0 < t - held <= max(leap, 2.0 * ahead)
     s.time_leaps += leave(s, u, y, t, r, s.held_at == s.samples + 1 and soon)
     return True
 
 
 def is_too_coarse(s, t):
-    """Return whether stamps as far from zero cannot tell sampling times apart; count it."""
+    """Return whether a stamp is so far from zero that float64 cannot resolve a sampling time; count it if so."""
     if abs(t) <= at.FARTHEST * s.interval:
         return False
     s.too_coarse += 1
@@ -171,7 +171,7 @@ def is_too_coarse(s, t):
 
 
 def interval_of(s, u, y, t, r):
-    """Return the time since the sample before; NaN, and count it, where a time stamp cannot be used, or not yet."""
+    """Return the time since the previous sample; NaN if the stamp cannot be used, or not yet, which is counted."""
     if math.isnan(t):
         return s.interval
     if math.isinf(t):
@@ -183,7 +183,7 @@ def interval_of(s, u, y, t, r):
         if not interval > 0.0:
             if is_too_coarse(s, t) or not clock_was_set(s, t):
                 return np.nan
-            interval = 2.0 * s.longest_gap  # how long it was nobody knows
+            interval = 2.0 * s.longest_gap  # the true interval is unknown
         if s.delay > 0.0 and interval * (s.ring_size - 2) < s.delay:
             s.too_dense += 1
             return np.nan

@@ -1,21 +1,21 @@
 """Outlier, stuck-sensor and change detection: which outputs are implausible, and whether the plant has changed.
 
-An outlier must not reach the filters.  There it would stay for as long as the plant's own memory, and meanwhile the
-step theta += P zeta e / alpha does not contract: with the instruments free of the outlier and the regressor full of
-it, 1 - zeta' P phi / alpha leaves [-1, 1].  So an output that cannot be is bridged by the auxiliary model's, as if the
-sample were missing, and nothing is learned from it.
+An outlier must not reach the filters.  It would stay there for as long as the plant's own memory, and meanwhile the
+step theta += P zeta e / alpha does not contract: with the outlier in the regressor but not in the instruments,
+1 - zeta' P phi / alpha leaves [-1, 1].  So the auxiliary model's output replaces (bridges) an implausible output, as if
+the sample were missing, and nothing is learned from it.
 
-* An outlier: its a-priori error exceeds eight standard deviations, with the parameters' own uncertainty counted, and
-  the largest that the modelled output lately was, or what would move that by a fiftieth.  Errors below that, however
-  sure, do no harm, and a model that is a little wrong must learn from them.  The variance grows by each outlier, so
-  that what stays is soon believed.
-* A stuck sensor: the same number to the bit so often that it is no chance, while the model says that the output moved,
-  and by more than three steps of the sensor's scale.  A number that was rounded comes twice now and then, and an output
-  that has settled between two steps stands still to the bit by right.
+* An outlier has an a-priori error above eight standard deviations, including the uncertainty of the parameters.  The
+  error must also be harmful: larger than the recent modelled output, or large enough to move that by a fiftieth.
+  Smaller errors do no harm, and a slightly wrong model must learn from them.  Each outlier increases the variance, so
+  that a lasting shift is soon accepted.
+* A stuck sensor repeats the same number to the bit, more often than chance allows, while the model's output moves by
+  more than three steps of the sensor's scale.  Rounded numbers repeat now and then, and an output that has settled
+  between two steps is rightly constant.
 
-Whether the plant has changed is told from the residual's power by a cumulative sum (Page, 1954): of what it exceeds
-GROWN times its usual value; that it is back as it was, by the same sum the other way.  Source: Basseville and
-Nikiforov, "Detection of Abrupt Changes", 1993, chapter 2.
+A cumulative sum (Page, 1954) of the residual's power above GROWN times its usual value detects a change of the plant.
+The reversed sum detects the return to the usual power.  Source: Basseville and Nikiforov, "Detection of Abrupt
+Changes", 1993, chapter 2.
 """
 
 import math
@@ -27,68 +27,68 @@ from replant.kernels.optimizers import covariance as second
 from replant.kernels.schema import Alarm, Doubt
 
 GATE = 64.0
-"""A-priori error beyond which an output may be an outlier, the parameters' own uncertainty counted: eight standard
-deviations [variances of the residual].
-Level: eight standard deviations: one in 64 of any noise at the most (Chebyshev), of normal noise none.
+"""Squared a-priori error beyond which an output may be an outlier: eight standard deviations, including the uncertainty
+of the parameters [variances of the residual].
+Level: eight standard deviations: at most one sample in 64 of any noise (Chebyshev), none of normal noise.
 Sensitivity: halved, 66 samples held against 'load step' instead of 49; doubled, 26 samples held against 'load step'
 instead of 49; error of 'load step' times 0.48.
 """
 
-# a hundred times as far out as the modelled output reaches: no initial state does that
-UNSETTLED = 1e4  # the same while the filters' initial state is unknown [largest squares of the modelled output]
-# 100 residuals know a standard deviation to 7 %
-ENOUGH = 100.0  # residuals that give a variance to judge by [samples]
-# its window of (2 - a) / a = 399 samples knows a variance to 7 %
-SHORT = 1.0 / 200.0  # share of the newest residual in its variance lately [share]
-# the usual variance follows a growth that goes on: with this share a power from 2.26 times the usual one on reaches
-# LIMIT before, with twice it from 2.39 on, with half of it from 2.18 on; GROWN is where none does
-LONG = 1.0 / 4000.0  # share of the newest residual in its usual variance [share]
-# three standard deviations: 0.3 % of normal noise is beyond
-MOST = 9.0  # power that one residual counts as at the most [variances]
-# two standard deviations: 5 % of normal noise is beyond
-UNKNOWN = 4.0  # variance of an error that is of an initial state not yet known, no residual [variances of the residual]
+# a hundred times the modelled output: no initial state explains that
+UNSETTLED = 1e4  # the same limit while the filters' initial state is unknown [largest squares of the modelled output]
+# 100 residuals estimate a standard deviation to 7 %
+ENOUGH = 100.0  # residuals needed before their variance is used [samples]
+# its window of (2 - a) / a = 399 samples estimates a variance to 7 %
+SHORT = 1.0 / 200.0  # share of the newest residual in the recent variance [share]
+# the usual variance follows a lasting growth: with this share LIMIT is reached first from 2.26 times the usual power
+# on, with twice the share from 2.39, with half of it from 2.18; GROWN is the bound for a share of zero
+LONG = 1.0 / 4000.0  # share of the newest residual in the usual variance [share]
+# three standard deviations: exceeded by 0.3 % of normal noise
+MOST = 9.0  # largest power that one residual counts as [variances]
+# two standard deviations: exceeded by 5 % of normal noise
+UNKNOWN = 4.0  # variance beyond which an error is due to an unknown initial state [variances of the residual]
 
 HARM = 4e-4
-"""Square by which one sample may move the modelled output: a fiftieth of its size [part of its largest square].
-Origin: tests/online/test_quantised_sensor.py: where crests are cut the first few samples are off by little beside the
-output.
+"""Largest squared shift of the modelled output by one sample that does no harm: a fiftieth of its size [part of its
+largest square].
+Origin: tests/online/test_quantised_sensor.py: if crests are cut off, the first few samples deviate little.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-# at the most a hundredth of the samples is then not learned: standard deviations grow by half a percent
-RESOLVED = 0.01  # share of ties, samples equal to a new one before, below which the scale is fine, none learned [share]
-# of white normal noise that is rounded to its standard deviation 27 % are ties: the scale is as coarse as the noise
-COARSE = 0.3  # share of ties from which on the scale is coarse [share]
+# then at most a hundredth of the samples is not learned: standard deviations grow by half a percent
+RESOLVED = 0.01  # share of ties (repeated outputs) below which the scale is fine: ties are not learned [share]
+# white normal noise rounded to its standard deviation has 27 % ties: the scale is as coarse as the noise
+COARSE = 0.3  # share of ties above which the scale is coarse [share]
 # 1.5e-8, one run in 66 million samples
-CHANCE = -18.0  # logarithm of the chance of a run of ties below which it is none [logarithm]
-# at the share COARSE such a run has the chance 7e-5
-MANY = 8  # ties in a row on a coarse scale that are looked at [samples]
-# as GATE; on a fine scale, where ties are no chance, one is enough
-MOVED = 64.0  # square by which the model must have moved meanwhile on a coarse scale [variances of the residual]
+CHANCE = -18.0  # logarithm of the probability of a run of ties below which it is not chance [logarithm]
+# with the share COARSE the probability of such a run is 7e-5
+MANY = 8  # ties in a row that are tested on a coarse scale [samples]
+# as GATE; on a fine scale one variance is enough, as ties are not chance
+MOVED = 64.0  # squared move of the model during the ties that is required on a coarse scale [variances of the residual]
 
 STEPS = 3.0
-"""Steps of the sensor's scale by which the modelled output must have moved meanwhile: an output that settles stands
-still between two of them [steps of the scale].
+"""Move of the modelled output during the ties that is required: an output that settles between two steps of the scale
+is constant [steps of the scale].
 Origin: tests/online/test_quantised_sensor.py.
 Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, error of 'stuck, coarse scale' times 2.8.
 """
 
-# the memory of the residual's variance lately, 1 / SHORT: a sensor that saturates does so again soon
+# the memory of the recent variance, 1 / SHORT: a saturated sensor soon saturates again
 CALM = 200  # samples after a stuck one until learning goes on [samples]
 # half of the newest samples that are kept
 FORGOTTEN = 5000  # samples after a stuck one until its output is forgotten [samples]
-# its window of 999 samples has ten ties at the share RESOLVED: it is known to a third
+# its window of 999 samples has ten ties at the share RESOLVED, which estimate it to a third
 TIE_SHARE = 1.0 / 500.0  # share of the newest sample in the share of ties [share]
-# half of what TIE_SHARE adds with one tie: fewer were not seen
-LEAST_TIE_SHARE = 1e-3  # share of ties that a scale counts as having at the least [share]
+# half of what one tie adds by TIE_SHARE: a smaller share cannot be observed
+LEAST_TIE_SHARE = 1e-3  # least share of ties that a scale is assumed to have [share]
 # the reference value r ln r / (r - 1) of Page's test for a power that grows r = 5 times
-GROWN = 2.0  # power of the residual that is no growth yet [usual power]
-# with GROWN it is 20 nats, at least 5e8 samples between two false alarms of normal noise (Wald)
-LIMIT = 50.0  # sum over GROWN that raises the alarm, and below it that ends it [usual power, summed]
+GROWN = 2.0  # largest power of the residual that does not count as growth [usual power]
+# with GROWN it is 20 nats: at least 5e8 samples between two false alarms in normal noise (Wald)
+LIMIT = 50.0  # sum above GROWN that raises the alarm, and sum below it that ends the alarm [usual power, summed]
 # three doublings of LIMIT
-LARGEST_LIMIT = 400.0  # largest sum that raises the alarm: each false one doubles it [usual power, summed]
+LARGEST_LIMIT = 400.0  # largest limit of the sum: each false alarm doubles the limit [usual power, summed]
 # a thousandth of the output
-LEAST = 1e-6  # residual below which there is as good as none [part of the modelled output's largest square]
+LEAST = 1e-6  # least variance that the residual is assumed to have [part of the modelled output's largest square]
 
 
 def model_output(s):
@@ -105,33 +105,33 @@ def equation_error(s, target):
 
 
 def own_noise(s):
-    """Return what the residual's variance is in the unit of the optimizer's covariance."""
+    """Return the residual's variance in the unit of the optimizer's covariance."""
     return second.own_noise(s.algorithm, s.entries, s.memory, s.settings)
 
 
 def variance_ratio(s):
-    """Return the variance of the newest a-priori error over the residual's: more while parameters are uncertain."""
+    """Return the variance of the newest a-priori error over the residual's: above 1 if parameters are uncertain."""
     U, D = second.factors_of(s)
     along = second.variance_along(U, D, s.zeta if s.instruments else s.phi)
     return 1.0 + whitening.gain(s) * along / own_noise(s)
 
 
 def is_harmful(s, square):
-    """Return whether an a-priori error is no chance, the parameters' uncertainty counted, and would do harm."""
+    """Return whether a squared a-priori error is significant, given the parameters' uncertainty, and harmful."""
     ratio = variance_ratio(s)
     s.variance_ratio = ratio
-    leverage = 1.0 - 1.0 / ratio  # part of the error by which learning it would move the modelled output
+    leverage = 1.0 - 1.0 / ratio  # shift of the modelled output if it is learned, as a part of the error
     usual = max(s.late_variance, s.usual_variance)
     harm = square > s.largest_output or leverage * leverage * square > HARM * s.largest_output
     return harm and square > GATE * usual * ratio
 
 
 def is_outlier(s, error, settled):
-    """Return whether an a-priori error is too large to be, or is none."""
+    """Return whether an a-priori error is implausibly large, or NaN as the output is missing."""
     square = error * error
     if square <= GATE * max(s.late_variance, s.usual_variance):
         return False
-    if math.isnan(square):  # of an output that is missing
+    if math.isnan(square):  # the output is missing
         return True
     if s.residuals_seen < ENOUGH or not s.largest_output > 0.0:
         return False
@@ -141,7 +141,7 @@ def is_outlier(s, error, settled):
 
 
 def reason_of(s, y, doubt):
-    """Return the doubt in an output whose error is too large to be, ``doubt`` where there was one before; count it."""
+    """Return the reason to doubt an output with an implausible error; keep an earlier ``doubt``; count a new one."""
     if math.isnan(y):
         s.no_output += 1
         return Doubt.MISSING
@@ -152,7 +152,7 @@ def reason_of(s, y, doubt):
 
 
 def is_stuck(s, y, modelled):
-    """Return whether a run of ties is no chance; if so, remember the output."""
+    """Return whether a run of ties is not chance, so the sensor is stuck; if so, remember the output."""
     share = max(s.tie_share, LEAST_TIE_SHARE)
     fine = share < COARSE
     if s.ties < MANY if not fine else s.ties * math.log(share) > CHANCE:
@@ -161,7 +161,7 @@ def is_stuck(s, y, modelled):
     if abs(moved) < STEPS * s.sensor_step:
         return False
     away = moved / s.output_scale
-    usual = max(s.usual_variance, LEAST * s.largest_output)  # lately it is that of a stuck sensor
+    usual = max(s.usual_variance, LEAST * s.largest_output)  # the recent variance is that of the stuck sensor
     if not away * away > (1.0 if fine else MOVED) * usual:
         return False
     s.stuck_outputs += 1
@@ -172,7 +172,7 @@ def is_stuck(s, y, modelled):
 
 
 def stands(s, y, modelled):
-    """Follow how long the output has stood still; return whether the sensor is stuck."""
+    """Count how long the output has been constant; return whether the sensor is stuck."""
     step = abs(y - s.last_raw)
     equal = step == 0.0
     s.last_raw = y
@@ -196,7 +196,7 @@ def stands(s, y, modelled):
 
 
 def advance_outputs(s, y, interval, first):
-    """Take ``y`` for the newest output: undo what the filters made of the measured one."""
+    """Replace the newest output by ``y``: reset the output's filters and advance them again; return the target."""
     n, T, last, kept = s.order, s.entries, s.used_output, s.backup
     refined = s.refined
     for b in range(3):
@@ -224,9 +224,9 @@ def keep_outputs(s):
 
 
 def observe(s, u, y, interval):
-    """Take a sample through the chain as `chain.observe` does; bridge its output where that cannot be.
+    """Pass a sample through the chain as `chain.observe` does; bridge an implausible output; return the target.
 
-    Leaves the error as measured in ERROR, the output that the filters saw in USED, and the reason in DOUBT.
+    Sets `error` as measured, `used_output` as the filters saw it, and the reason, `doubt`.
     """
     first = not s.started or s.unknown_input > 0.0
     settled = not first and s.elapsed >= s.learn_from
@@ -255,30 +255,31 @@ def observe(s, u, y, interval):
 
 
 def begins_anew(s):
-    """Return whether the newest error was that of an initial state not yet known after a gap, and no residual."""
+    """Return whether the newest error is due to an initial state still unknown after a gap, so is not a residual."""
     alpha = second.alpha_of(s)
     return s.gap_at > 0 and alpha > UNKNOWN * own_noise(s)
 
 
 def is_calm(s):
-    """Return whether no sensor was stuck just now, for one that saturates does so again soon, nor seems to be."""
-    # the first of many, perhaps, and so seldom a chance that nothing is lost by not learning it
+    """Return whether the sensor was not stuck recently, as a saturated one soon saturates again, and may not be now."""
+    # a tie on a fine scale may be the first of a stuck sensor; chance ties are so rare that not learning them costs
+    # nothing
     if s.ties > 0 and s.tie_share < RESOLVED:
         return False
     return s.stuck_outputs == 0 or s.samples - s.stuck_last >= CALM
 
 
 def test_power(s, power):
-    """Raise the alarm, or end it, by the sum of the residual's ``power`` over the usual one."""
+    """Raise or end the alarm by the cumulative sum of the residual's ``power``, relative to the usual one."""
     if s.alarm != Alarm.NONE:
         back = max(s.cusum + GROWN - power, 0.0)
         s.cusum = back
         if back > LIMIT:
-            if s.alarm == Alarm.FLOATS:  # what came meanwhile is no part of the record
+            if s.alarm == Alarm.FLOATS:  # the samples during the alarm are not part of the record
                 s.gap_at = s.samples
             else:
                 s.cusum_limit = min(2.0 * s.cusum_limit, LARGEST_LIMIT)
-            if s.alarm == Alarm.LOOKED_INTO:  # and no other plant was found: such residuals are usual
+            if s.alarm == Alarm.LOOKED_INTO:  # no other plant was found: such residuals are usual
                 s.usual_variance = max(s.usual_variance, s.late_variance)
                 s.usual_innovation = max(s.usual_innovation, s.late_innovation)
             s.alarm = Alarm.NONE
@@ -296,7 +297,7 @@ def test_power(s, power):
 
 @inlined
 def follow(late, usual, square, least):
-    """Take the newest ``square`` into a variance lately; return that, the square as far as it counts, the usual one.
+    """Return the recent variance updated by ``square``, the square clipped, and the usual variance.
 
     The numbers may be vectors.
     """
@@ -305,7 +306,7 @@ def follow(late, usual, square, least):
 
 
 def watch(s, learned, white):
-    """Follow the residual's variance, and its growth where the plant can be judged by it; ``white``: it is filtered."""
+    """Update the residual's variances, and test for growth if learning is on; ``white`` is the innovation."""
     if s.doubt >= Doubt.STUCK:
         return
     if learned and s.doubt == Doubt.NONE and s.learned == s.samples:
@@ -317,7 +318,7 @@ def watch(s, learned, white):
         least = LEAST * s.largest_output
         s.late_variance, square, usual = follow(s.late_variance, s.usual_variance, square, least)
         power = square / usual if usual > 0.0 else 0.0
-        # of the residual itself, which varies slowly where it is coloured, a long swing would pass for a change
+        # the power of a coloured residual varies slowly, which would pass for a change: the innovation is tested
         if s.has_noise_model and s.doubt == Doubt.NONE:
             newest = white * white / s.variance_ratio
             s.late_innovation, newest, usual = follow(s.late_innovation, s.usual_innovation, newest, least)

@@ -1,4 +1,4 @@
-"""The ring of raw samples as a whole: its signals in order, and how much one of them scatters."""
+"""The ring of raw samples as a whole: its signals in order, and the variance of a column."""
 
 import math
 
@@ -7,7 +7,7 @@ from replant.kernels.schema import DOUBTED, INPUT, OUTPUT, STEP, Doubt
 
 
 def place_of(ring, end, rows, i):
-    """Return where the i-th of so many rows lies, the newest of which lies before ``end``."""
+    """Return the place of the i-th of the newest ``rows`` rows, which end before ``end``."""
     k = end - rows + i
     return k if k >= 0 else k + ring.shape[0]
 
@@ -16,7 +16,7 @@ def place_of(ring, end, rows, i):
 def unroll(ring: Matrix, end: int, dt: float, u: Reals, y: Reals):
     """Write the newest inputs and outputs (K,) of a ring, oldest first, up to the row before ``end``.
 
-    Return how many of them came at another interval than ``dt``, or without an output.
+    Return how many of them came after another interval than ``dt``, or without an output.
     """
     odd = 0
     for i in range(u.size):

@@ -1,13 +1,13 @@
-"""What standard deviations are made from: power and colour of the residual, and the path of the estimate.
+"""The data that standard deviations are computed from: power and colour of the residual, path of the estimate.
 
 Noise that is not white makes the plain covariance sigma^2 P too small.  With the residual modelled as an
 autoregression, e = w / D(q), the covariance of the instrumental-variable estimate is
 
     sigma_w^2 P Q P,   Q = sum zeta_f zeta_f',  zeta_f = zeta / D(q).
 
-The path of a recursive estimate is kept at a few samples: the scores of the samples between give a variance without a
+The path of a recursive estimate is kept at a few samples.  The scores of the samples between give a variance without a
 noise model, see `replant.numerics.batch_means`.  Room is limited and the record is not: when the room is full every
-second row goes, and the next ones come half as often.
+second row is dropped, and later rows are kept half as often.
 
 Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.
 """
@@ -21,7 +21,7 @@ from replant.kernels.schema import LAGS, Doubt
 
 @kernel("covariances.size > LAGS and model.size > LAGS and previous.size > LAGS")
 def autoregression(covariances: Reals, model: Reals, previous: Reals):
-    """Fill ``model`` (LAGS + 1,) by Levinson and Durbin; return its innovation's power; ``previous``, as long: work."""
+    """Fill ``model`` (LAGS + 1,) by Levinson and Durbin; return the innovation's power; ``previous`` is work."""
     model[0] = 1.0
     for i in range(1, LAGS + 1):
         model[i] = 0.0
@@ -43,14 +43,14 @@ def autoregression(covariances: Reals, model: Reals, previous: Reals):
 
 
 def record(colour, error, alpha, forgetting, zeta):
-    """Take a residual, alpha of `optimizers.covariance.measurement_update`, and zeta, which is filtered in place."""
+    """Add a residual with its alpha of `optimizers.covariance.measurement_update`; ``zeta`` is filtered in place."""
     newest = (int(colour.position) + 1) % LAGS
     add(colour, newest, error, alpha, forgetting, zeta)
     colour.position = newest
 
 
 def add(colour, newest, error, alpha, forgetting, zeta):
-    """Do so at a place of the ring; the numbers may be vectors."""
+    """Add a residual as `record` does, at row ``newest`` of the ring; the numbers may be vectors."""
     T = zeta.size
     colour.count = forgetting * colour.count + 1.0
     colour.power = forgetting * colour.power + error * error * forgetting / alpha
@@ -60,7 +60,7 @@ def add(colour, newest, error, alpha, forgetting, zeta):
     for lag in range(LAGS - 1, 0, -1):
         colour.errors[lag] = colour.errors[lag - 1]
     colour.errors[0] = error
-    filtered = colour.filtered[newest]  # holds what is LAGS samples old, which the newest takes the place of
+    filtered = colour.filtered[newest]  # holds the row of LAGS samples ago, which the newest replaces
     for i in range(T):
         zeta[i] -= colour.model[LAGS] * filtered[i]
     for lag in range(1, LAGS):
@@ -77,7 +77,7 @@ def add(colour, newest, error, alpha, forgetting, zeta):
 
 
 def begin_last(colour, first, entries):
-    """Forget what the regressor's entries from ``first`` on have been, as `optimizers.covariance.begin_last` does."""
+    """Forget the regressor's entries from ``first`` on, as `optimizers.covariance.begin_last` does."""
     for lag in range(LAGS):
         for i in range(first, entries):
             colour.filtered[lag, i] = 0.0
@@ -88,17 +88,17 @@ def begin_last(colour, first, entries):
 
 
 def lasting(s):
-    """Return how many of the first entries last: an initial state is another one after each gap."""
+    """Return how many of the first entries last: the initial state is a new one after each gap."""
     return s.entries - s.order if s.refined else s.entries
 
 
 def keep(path, theta, U, D, entries, samples, work):
     """Keep the scores W of the first ``entries`` and the diagonal of P = U D U' after so many learned ``samples``.
 
-    The row in the making holds the estimate theta' at which its block has begun.  The block adds to W its score
-    (P_k)^-1 (theta_k - theta'), with the P_k of these entries alone.  The uncertainty of theta' makes it larger than a
-    score at the true parameters: the root of the ratio of P_k to that at the row before takes that off.  ``work`` holds
-    entries (entries + 1) numbers.
+    The incomplete row holds the estimate theta' at the begin of its block.  The block adds its score
+    (P_k)^-1 (theta_k - theta') to W, with the P_k of these entries alone.  The uncertainty of theta' makes this larger
+    than a score at the true parameters; the root of the ratio of P_k to that of the previous row corrects it.  ``work``
+    holds entries (entries + 1) numbers.
     """
     T, kept = theta.size, int(path.kept)
     path.step = max(path.step, 1.0)
@@ -115,7 +115,7 @@ def keep(path, theta, U, D, entries, samples, work):
         path.rows[kept, 1, i] = variance
     for i in range(T):
         path.rows[kept, 0, i] = 0.0
-        if i < entries and ratio > 0.0:  # what the first block begins at is no estimate yet
+        if i < entries and ratio > 0.0:  # the first block does not begin at an estimate
             path.rows[kept, 0, i] = path.rows[last, 0, i] + math.sqrt(ratio) * score[i]
     kept += 1
     if kept == path.rows.shape[0]:
@@ -140,7 +140,7 @@ def covariance_of(U, D, i, j):
 
 
 def solve(matrix, vector, size):
-    """Solve a system by Cholesky's factor of ``matrix`` (size^2,), used up; zero in directions that it lacks."""
+    """Solve a system in place by Cholesky's factor of ``matrix`` (size^2,), overwritten; 0 in singular directions."""
     for i in range(size):
         for j in range(i + 1):
             left = matrix[i * size + j]
@@ -160,7 +160,7 @@ def solve(matrix, vector, size):
 
 
 def follow(sums, y, error, doubt, at_rest):
-    """Take the newest output and its a-priori error, both in the output's unit, into the sums.
+    """Update the moments of output and a-priori error, both in the output's unit.
 
     With its mean m and variance v, and the share a of the newest: m += a (y - m), v = (1 - a)(v + a (y - m)^2).
     """
@@ -168,7 +168,7 @@ def follow(sums, y, error, doubt, at_rest):
         sums.missing += 1.0
         return
     sums.missing = 0.0
-    if doubt != Doubt.NONE or at_rest:  # at rest the output has no variance to compare the error with
+    if doubt != Doubt.NONE or at_rest:  # at rest the output has no variance that the error compares with
         return
     sums.count += 1.0
     share = max(1.0 / sums.count, LONG)

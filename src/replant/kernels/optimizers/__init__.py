@@ -1,1 +1,1 @@
-"""The loops of the optimizers, by which the estimate moves."""
+"""The update loops of the optimizers."""

@@ -1,8 +1,8 @@
 """Recursive least squares and the Kalman filter on parameters, with the covariance in factors P = U D U'.
 
-U is unit upper triangular and D diagonal: P is symmetric by construction and positive definite as long as D is
-positive, which both updates keep, however long the stream is.  With instruments the gain is P zeta while the
-innovation stays y - phi' theta: refined instrumental variables in their symmetric form.
+U is unit upper triangular and D diagonal.  P is symmetric by construction, and positive definite as long as D is
+positive; both updates keep D positive for any length of the stream.  With instruments the gain is P zeta, while the
+innovation remains y - phi' theta: refined instrumental variables in their symmetric form.
 
 Sources: Bierman, "Factorization Methods for Discrete Sequential Estimation", 1977, chapters V and VII (the time
 update is Thornton's); Young, "Recursive Estimation and Time-Series Analysis", 2011, chapters 7 and 8.
@@ -15,13 +15,13 @@ from replant.kernels.optimizers.memory import MATRIX, ONE, VECTOR, Memory, Size,
 
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9  # codes, as in `replant.estimation.optimizers` [code]
 
-# A memory begins with the factors and ends with alpha, which outlier test and covariance read.
+# A memory begins with the factors and ends with alpha, which the outlier test and the covariance read.
 LEAST_SQUARES = Memory(U=MATRIX, D=VECTOR, caps=VECTOR, projected=VECTOR, gain=VECTOR, alpha=ONE)
 TRACKING = Memory(
     U=MATRIX, D=VECTOR, noise=ONE, increase=VECTOR, projected=VECTOR, gain=VECTOR, work=Size(2, 2, 0), alpha=ONE
 )
 
-#: What lies in the memory of each optimizer.
+#: The layout of the memory of each optimizer.
 MEMORY = {RECURSIVE_LEAST_SQUARES: LEAST_SQUARES, KALMAN_TRACKING: TRACKING}
 
 AT_D, AT_CAPS, AT_PROJECTED, AT_GAIN, AT_ALPHA = (
@@ -39,7 +39,7 @@ def factors_of(s):
 
 
 def alpha_of(s):
-    """Return alpha of the newest update: its innovation's variance, in the unit of the covariance."""
+    """Return alpha of the newest update: the variance of its innovation, in the unit of the covariance."""
     return s.memory[s.memory_size - 1]
 
 
@@ -72,7 +72,7 @@ def measurement_update(P, U, D, zeta, noise, projected, gain):
 
 @short_loops
 def learn_row(estimate, U, D, row, direction, noise, projected, gain):
-    """Let the estimate and U D U' learn a row, of regressor zeta from ``direction`` on; return its error and alpha."""
+    """Update the estimate and U D U' with a row, whose zeta begins at ``direction``; return its error and alpha."""
     P = estimate.size
     error = row[P]
     for i in range(P):
@@ -109,10 +109,10 @@ def time_update(P, U, D, increase, work):
 
 
 def begin_last(U, D, first, variances, work):
-    """Make the entries from ``first`` on independent of the others, with these ``variances``, as if just begun.
+    """Reset the entries from ``first`` on: independent of the others, with these ``variances``.
 
-    The others keep their covariance: what the columns of the last add to it is put back column by column, each an
-    update of rank one by Agee and Turner's algorithm (Bierman, chapter III).  ``work`` holds P numbers.
+    The others keep their covariance: the contributions of the reset columns to it are added again, each by a rank-one
+    update with the algorithm of Agee and Turner (Bierman, chapter III).  ``work`` holds P numbers.
     """
     P = D.size
     for k in range(first, P):
@@ -162,20 +162,20 @@ def expand(U, D, covariance):
 
 @short_loops
 def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction):
-    """Settings [forgetting factor], memory `LEAST_SQUARES`: ``caps`` are those of D."""
+    """Settings [forgetting factor], memory `LEAST_SQUARES`; ``caps`` are the upper limits of D."""
     P, forgetting = theta.size, settings[0]
     U, D, caps = memory[: P * P].reshape(P, P), block(memory, AT_D, P), block(memory, AT_CAPS, P)
     projected, gain, newest = block(memory, AT_PROJECTED, P), block(memory, AT_GAIN, P), block(memory, AT_ALPHA, P)
     for k in range(batch):
         _, newest[0] = learn_row(theta, U, D, buffer[rows[k]], direction, forgetting, projected, gain)
-        # forgetting divides P: where nothing comes in to make up for it D would grow without bound; it stops at its cap
+        # forgetting divides P: without excitation D would grow without bound, so it is capped
         if forgetting < 1.0:
             for i in range(P):
                 D[i] = min(D[i] / forgetting, caps[i])
 
 
 def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval):
-    """Random walk of the parameters; settings [1 / time constant of the noise, q (P)], memory `TRACKING`."""
+    """Kalman filter for a random walk; settings [1 / time constant of the noise, q (P)], memory `TRACKING`."""
     P = theta.size
     U, D, tracked = memory[: P * P].reshape(P, P), block(memory, AT_D, P), block(memory, AT_NOISE, P)
     increase, projected = block(memory, AT_INCREASE, P), block(memory, AT_TRACKING_PROJECTED, P)
@@ -188,13 +188,13 @@ def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, int
         time_update(P, U, D, increase, work)
         error, alpha = learn_row(theta, U, D, buffer[rows[k]], direction, noise, projected, gain)
         newest[0] = alpha
-        # R += (e^2 R / alpha - R) h / T, which the uncertainty of the parameters does not bias
+        # R += (e^2 R / alpha - R) h / T: unbiased by the uncertainty of the parameters
         share = min(settings[0] * interval, 1.0)
         tracked[0] = max(noise + (error * error * noise / alpha - noise) * share, np.finfo(np.float64).tiny)
 
 
 def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, interval):
-    """Let the optimizer of this code consume the first ``batch`` of the drawn rows; ``interval`` is in s."""
+    """Let the optimizer with this code learn the first ``batch`` of the drawn rows; ``interval`` is in s."""
     if algorithm == RECURSIVE_LEAST_SQUARES:
         recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == KALMAN_TRACKING:
@@ -202,7 +202,7 @@ def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, in
 
 
 def own_noise(algorithm, P, memory, settings):
-    """Return the residual's variance in the unit of the covariance: what the optimizer tracks, else a weight."""
+    """Return the residual's variance in the unit of the covariance: the tracked one, or the forgetting factor."""
     if algorithm == KALMAN_TRACKING:
         return memory[place(AT_NOISE, P)]
     return settings[0]

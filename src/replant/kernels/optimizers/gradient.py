@@ -1,16 +1,16 @@
-"""The article's optimizers and their relatives: each consumes the drawn rows of the buffer, one update a row.
+"""The article's optimizers and their relatives: each learns the drawn rows of the buffer, one update a row.
 
 Every kernel has the same signature:
 
     kernel(theta, memory, settings, buffer, rows, batch, direction)
 
 ``theta`` (P,) and ``memory`` are changed in place; the first ``batch`` of ``rows`` are drawn.  A row of ``buffer`` is
-[phi (P entries), y, 1/m^2], all scaled, and [zeta (P entries)] after it where there are instruments.  The gradient (16)
-of a row is g = -(y - theta' phi) / m^2 * phi, or with zeta in the place of the last phi: ``direction`` is the column
-where that vector begins, 0 or P + 2.  ``settings`` are in the order of the class in `replant.estimation.optimizers`.
+[phi (P entries), y, 1/m^2], all scaled, followed by [zeta (P entries)] with instruments.  The gradient (16) of a row is
+g = -(y - theta' phi) / m^2 * phi; with instruments zeta replaces the last phi.  ``direction`` is the column where this
+vector begins, 0 or P + 2.  ``settings`` are in the order of the class in `replant.estimation.optimizers`.
 
-Each loop has a code, by which `learn` chooses it and a checkpoint names it: any number that no other optimizer has or
-had.  `MEMORY` declares what lies in the memory of each optimizer; a loop gets a block of it by `block`.
+Each loop has a code, which `learn` and checkpoints use: a number that no other optimizer has or had.  `MEMORY` declares
+the memory of each optimizer; a loop gets a block of it by `block`.
 """
 
 import math
@@ -19,9 +19,9 @@ from replant.kernels.lanes import prefetch
 from replant.kernels.native import in_turn, inlined, short_loops, side_by_side
 from replant.kernels.optimizers.memory import MATRIX, NOTHING, ONE, VECTOR, Memory, block, place
 
-# 1 less it is 1, and smaller ones would end as numbers below the normal ones, which take some processors a hundred
-# cycles at each product
-VANISHED = 1e-100  # power of beta below which it counts as nought [number]
+# 1 - 1e-100 is 1 in float64, and smaller powers would become denormal: some processors take a hundred cycles for each
+# product of those
+VANISHED = 1e-100  # least power of beta [number]
 
 GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = range(8)
 
@@ -31,7 +31,7 @@ SQUARES = Memory(squares=VECTOR)  # sum or moving mean of g^2
 SQUARES_AND_STEPS = Memory(squares=VECTOR, moved=VECTOR)  # moving means of g^2 and step^2
 INTEGRALS = Memory(R=MATRIX, Q=VECTOR, slope=VECTOR)  # slope: R theta + Q
 
-#: What lies in the memory of each optimizer.
+#: The layout of the memory of each optimizer.
 MEMORY = {
     GRADIENT: NOTHING,
     ADAM: MOMENTS,
@@ -50,12 +50,12 @@ AT_Q, AT_SLOPE = INTEGRALS.begins["Q"], INTEGRALS.begins["slope"]
 
 @inlined
 def telling_part(algorithm, P, memory):
-    """Return the part of the memory that is not finite as soon as any of it is and theta is finite."""
+    """Return a part of the memory that is not finite if any of the memory is not, while theta is finite."""
     if algorithm == AMSGRAD:
-        # a square that is infinite stays the largest
+        # an infinite square stays the largest
         return block(memory, AT_LARGEST, P)
     if algorithm == INTEGRAL_COST:
-        # a sum of products with every entry of R
+        # the slope is a sum of products with every entry of R
         return block(memory, AT_SLOPE, P)
     return memory
 
@@ -63,7 +63,7 @@ def telling_part(algorithm, P, memory):
 @inlined
 def normalized_error(P, theta, row):
     """Return epsilon_I of (13): (y - theta' phi) / m^2."""
-    prediction = theta[0] * row[0]  # not from nought on: each sum waits for the one before
+    prediction = theta[0] * row[0]  # starting from zero would add one dependent sum
     for i in in_turn(1, P):
         prediction += theta[i] * row[i]
     return (row[P] - prediction) * row[P + 1]
@@ -94,7 +94,7 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
         error = normalized_error(P, theta, phi)
         power1 = max(power1 * beta1, VANISHED)
         power2 = max(power2 * beta2, VANISHED)
-        rate = alpha / (1.0 - power1)  # the corrections of bias, taken out of the loop: two divisions less an entry
+        rate = alpha / (1.0 - power1)  # bias corrections outside the loop save two divisions an entry
         root = 1.0 / math.sqrt(1.0 - power2)
         for i in side_by_side(P):
             g = -error * along[i]  # (16)
@@ -196,10 +196,10 @@ def adadelta(theta, memory, settings, buffer, rows, batch, direction):
 def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     """(19); settings [Tp, Gamma, beta], memory `INTEGRALS`.
 
-    theta moves along the R and Q held before the row, then the row enters them, as the article's index t says; so the
-    slope that the next row needs is known at once, and R is gone through once a row.
+    theta moves with R and Q from before the row, then the row is added to them, as the article's index t implies.  So
+    the slope for the next row is found in the same pass: R is read once a row.
     """
-    for k in range(batch - 1):  # of these no cache can guess where they lie; the last is the newest
+    for k in range(batch - 1):  # the hardware cannot predict random rows; the last one is the newest sample
         prefetch(buffer, rows[k], 0)
         prefetch(buffer, rows[k], theta.size + 1)
     P, period, gain, beta = theta.size, settings[0], settings[1], settings[2]
@@ -211,10 +211,10 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
 
 @inlined
 def enter_row(P, theta, R, Q, slope, step, keep, weight, phi, along):
-    """Step along the slope, let a row of the buffer enter R and Q, and find the slope R theta + Q: (19), line by line.
+    """Step along the slope, add a row of the buffer to R and Q, and compute the slope R theta + Q: (19), line by line.
 
-    Two rows of R at once: each addition to a sum waits for the one before, those to the other do not.  The step is
-    part of the first pass over theta: one of its own would store what this one then waits for.
+    Two rows of R are processed at once, as each addition depends on the previous one of the same sum.  The step is part
+    of the first pass over theta: a separate pass would store numbers that this one then waits for.
     """
     y, pairs = phi[P], P - P % 2
     for i in range(0, pairs, 2):
@@ -246,7 +246,7 @@ def enter_row(P, theta, R, Q, slope, step, keep, weight, phi, along):
 
 @inlined
 def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, interval):
-    """Let the optimizer of this code consume the first ``batch`` of the drawn rows, whatever the ``interval``."""
+    """Let the optimizer with this code learn the first ``batch`` of the drawn rows; ``interval`` is not used."""
     if algorithm == GRADIENT:
         gradient(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == ADAM:

@@ -1,11 +1,11 @@
-"""Layout of an optimizer's memory, and the random stream that draws what it learns.
+"""Layout of an optimizer's memory, and the random stream that draws the rows of a batch.
 
-The file of a loop declares its named blocks.  From the declaration come the places that the loop uses (`Memory.begins`
-and `block`), the length of the memory, and its content before the first sample (`Memory.filled`).  The size of a block
-is a polynomial in P, the entries of theta.
+The file of a loop declares its named blocks.  The declaration gives the places that the loop uses (`Memory.begins` and
+`block`), the length of the memory, and its content before the first sample (`Memory.filled`).  The size of a block is a
+polynomial in P, the number of entries of theta.
 
-The random stream is seeded and counter-based, SplitMix64, whose whole state is the seed and a position.  Being a pure
-function of (seed, position) it costs nothing to save, to resume or to run in any chunking.
+The random stream is SplitMix64, which is counter-based: a draw is a pure function of (seed, position).  So saving and
+resuming need two numbers, and results do not depend on the chunking.
 
 Source: Steele, Lea, Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014.
 """
@@ -17,7 +17,7 @@ import numpy as np
 
 
 class Size(NamedTuple):
-    """squares P^2 + entries P + ones: a block's length, or where it begins."""
+    """squares P^2 + entries P + ones: the length or the begin of a block."""
 
     squares: int
     entries: int
@@ -50,7 +50,7 @@ class Memory:
             self.end = Size(*(begin + length for begin, length in zip(self.end, size, strict=True)))
 
     def size(self, P: int) -> int:
-        """Return how many numbers all blocks have."""
+        """Return the total size of all blocks."""
         return self.end.at(P)
 
     def of(self, memory: Any, name: str, P: int) -> Any:
@@ -59,24 +59,24 @@ class Memory:
         return memory[begin : begin + self.sizes[name].at(P)]
 
     def filled(self, P: int, **values: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Return a memory (M,) of zeros but for the blocks given by name: a number, or as many as the block has."""
+        """Return a memory (M,) of zeros, except for the blocks given by name: a number, or an array of their size."""
         memory = np.zeros(self.size(P))
         for name, value in values.items():
             self.of(memory, name, P)[:] = value
         return memory
 
 
-#: The memory of an optimizer that keeps nothing between two updates.
+#: The memory of an optimizer without memory.
 NOTHING = Memory()
 
 
 def place(begin, P):
-    """Return where a block with this `Size` before it begins."""
+    """Return the begin of a block, given as a `Size`, for P entries."""
     return begin.squares * P * P + begin.entries * P + begin.ones
 
 
 def block(memory, begin, P):
-    """Return ``memory`` from a block on, by its place in `Memory.begins`."""
+    """Return ``memory`` from the begin of a block on, as given by `Memory.begins`."""
     return memory[place(begin, P) :]
 
 
@@ -87,10 +87,10 @@ _S30, _S27, _S31, _S32 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(
 
 
 def draw_below(seed, position, bound):
-    """Return a whole number in 0 .. bound-1, the ``position``-th of the stream ``seed``; bound < 2^31."""
+    """Return the ``position``-th integer, from 0 to bound - 1, of the stream ``seed``; bound < 2^31."""
     z = np.uint64(seed) + (np.uint64(position) + np.uint64(1)) * _GOLDEN
     z = (z ^ (z >> _S30)) * _MIX1
     z = (z ^ (z >> _S27)) * _MIX2
     z = z ^ (z >> _S31)
-    # the high half of the draw times the bound, shifted down: uneven by at most bound / 2^32
+    # the high half of the draw times the bound, shifted down: not uniform by at most bound / 2^32
     return np.int64(((z >> _S32) * np.uint64(bound)) >> _S32)

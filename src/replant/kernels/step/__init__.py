@@ -1,7 +1,7 @@
 """One sample from its arrival to the new estimate, one file for each variant.
 
 ============  ======================================================  ==================================================
-file          what it serves                                          what holds its bits equal
+file          case                                                    test that its results are equal to the bit
 ============  ======================================================  ==================================================
 collecting    the start-up: samples are kept until there are          tests/online/test_startup.py, chunks beside single
               settings and a first model                              samples
@@ -9,32 +9,32 @@ gradient      the gradient family: any filter, any clock              NumPy twin
 covariance    optimizers with a covariance, outputs examined          NumPy twins, tests/support/references.py
 fixed_filter  the gradient family, a fixed filter, a regular clock,   tests/kernels/step/test_fixed_filter.py beside
               neither instruments nor dead time                       gradient
-ensemble      eight of these at once, one in each SIMD lane           tests/online/test_ensemble.py beside single
-                                                                      members
-ensemble_     eight of `covariance` with a refined filter at once;    tests/online/test_ensemble_members.py beside
-covariance    what is not ordinary by `covariance` itself             single members
+ensemble      `LANES` members of `fixed_filter` at once, one in each  tests/online/test_ensemble.py beside single
+              SIMD lane                                               members
+ensemble_     `LANES` members of `covariance` with a refined filter   tests/online/test_ensemble_members.py beside
+covariance    at once; `covariance` takes the exceptional samples     single members
 ============  ======================================================  ==================================================
 
-Arguments of all kernels: the state s, as `kernels.schema` describes it; u and y in the units of the record, the time
-stamp t in s, the reference r in a unit of its own; of kernels for K samples also errors (K,) in the unit of y, and
-parameters (K, P) in physical units, both written.
+All kernels take the state s (see `kernels.schema`), u and y in the units of the record, the time stamp t in s, and the
+reference r in its own unit.  Kernels for K samples also write errors (K,), in the unit of y, and parameters (K, P), in
+physical units.
 
-`stages` has the stages that all of them use; a variant is the list of its stages.  What is written twice, and why:
+`stages` has the stages that all variants share; a variant is a list of stages.  Code that exists twice, and why:
 
 ==========================  ========================  ==================================================================
-what                        where                     why
+code                        where                     why
 ==========================  ========================  ==================================================================
-the order of the stages     `take` of each variant    variants differ in most stages: one function for all would be
-                                                      branches throughout
-`update_estimate`           stages, fixed_filter,     the general one calls its parts as functions, that of the fixed
-                            ensemble_members          filter has them in its loop; vectors have no branch on data, so an
-                                                      update is undone lane by lane
-the loop over samples       `stages.take_many`,       the arrays of the fixed filter are cut once a call, not once a
-                            fixed_filter              sample
-an ordinary sample          covariance,               vectors have no branch on data: the stages without those, and
-                            ensemble_ordinary         marks where one would have been taken
+the order of the stages     `take` of each variant    variants differ in most stages: one function for all would branch
+                                                      everywhere
+`update_estimate`           stages, fixed_filter,     the general one calls functions; the fixed filter inlines them in
+                            ensemble_members          its loop; vectors cannot branch on data, so an update is undone
+                                                      lane by lane
+the loop over samples       `stages.take_many`,       the fixed filter cuts its arrays once a call, not once a sample
+                            fixed_filter
+an ordinary sample          covariance,               vectors cannot branch on data: the vector stages mark each lane
+                            ensemble_ordinary         that would have branched
 filters and regressor       `filters.chain`,          one bank, one interval and held inputs need neither a search for a
-                            fixed_filter              discretisation nor pieces of a dead time
-counting                    `take`, ensemble_members  level members are counted once for all
+                            fixed_filter              discretisation nor the pieces of a dead time
+counting                    `take`, ensemble_members  level members share one set of counters
 ==========================  ========================  ==================================================================
 """

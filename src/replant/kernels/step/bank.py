@@ -1,13 +1,13 @@
-r"""The weights of a bank of structures: how likely each member makes a sample before it has learned it.
+r"""The weights of a bank of structures: the predictive likelihood of each member.
 
-The a-priori error e of a member is whitened by an autoregression of its own, w = D(q) e, whose coefficients and
-variances V_j are those of the samples before.  With L the logarithm of a weight and P that of its prior,
+An autoregression of its own whitens the a-priori error e of each member, w = D(q) e.  Its coefficients and variances
+V_j are estimated from earlier samples.  With L the logarithm of a weight and P that of its prior,
 
 .. math:: L \leftarrow \lambda\,(L - P) + P - \tfrac12 \left(\ln V + \min(w^2 / V, g)\right),
 
-which is dynamic model averaging: what a sample tells is forgotten by the factor lambda, towards the prior.  A sample
-beyond the gate g by the member that predicts best is an outlier, and counts for nobody; after some in a row they count,
-each at most as much as the gate.
+which is dynamic model averaging: the factor lambda forgets evidence, towards the prior.  A sample is an outlier if it
+lies beyond the gate g of the member that predicts best.  Outliers change no weight, until several come in a row: then
+each counts, at most as much as the gate.
 
 Source: Raftery, Karny and Ettler (2010), "Online prediction under model uncertainty via dynamic model averaging",
 Technometrics 52.
@@ -19,12 +19,12 @@ from replant.kernels.filters.autoregressions import nested_models
 from replant.kernels.native import Cube, Ints, Matrix, Reals, kernel
 from replant.kernels.schema import LAGS
 
-# places in ``counts``: known errors before the next; samples in a row that counted for nobody; samples until the
+# places in ``counts``: known errors before the next sample; outliers in a row that were skipped; samples until the
 # autoregressions are renewed
 KNOWN, SKIPPED, DUE = range(3)
 
 GATE = 64.0  # w^2 / V beyond which an output may be an outlier: eight standard deviations, as in the recursion [V]
-IN_A_ROW = 5  # outliers in a row that are no more than that: what lasts longer may be the plant [samples]
+IN_A_ROW = 5  # outliers in a row that are skipped: if more follow, the plant may have changed [samples]
 RENEWED = 64  # a coefficient of so many samples has a standard deviation of at most an eighth [samples]
 
 
@@ -46,19 +46,19 @@ def weigh(
     Parameters
     ----------
     errors : (K, M) array
-        A-priori errors of M members; a sample counts where those of all that have joined are finite.
+        A-priori errors of M members; a sample is used if the errors of all joined members are finite.
     joined : (M,) array
-        Truths: whether a member takes part.
+        Flags: whether a member takes part.
     forgetting, least : float
         lambda; variance below which a residual is no evidence.
     prices, weights : (M,) arrays
         P and L.
     past : (M, LAGS + 1) array
-        Errors before, from its second column on, the newest first.
+        Earlier errors from the second column on, the newest first.
     sums, models, variances, orders : (M, LAGS + 1, LAGS + 1), the same, (M, LAGS + 1) and (M,) arrays
         The autoregressions, see `nested_models`, and the order in use.
     numbers : (1,) array
-        Samples in the sums, forgotten ones in part.
+        Effective number of samples in the sums, after forgetting.
     counts : (3,) array
         See `KNOWN`.
     logs : (K, M) array
@@ -108,7 +108,7 @@ def weigh(
                 for i in range(M):
                     if joined[i]:
                         orders[i] = nested_models(sums[i], numbers[0], models[i], variances[i], work)
-        else:  # the past of what follows is broken
+        else:  # the next samples have no complete past
             counts[SKIPPED] += 1 if is_usable else 0
             counts[KNOWN] = 0
         for i in range(M):

@@ -1,6 +1,7 @@
-r"""A model over a record, or a branch of a row: its output, and the slopes of that, from the input alone.
+r"""The output of a model, and its derivatives with respect to the parameters, from the input alone.
 
-With x = B/A u + the response to an initial state, the columns are
+The model stands alone or is one branch of a row of transfer functions.  With x = B/A u + the response to an initial
+state, the derivatives are
 
 .. math::
     -\frac{s^k}{A} x, \qquad \frac{s^k}{A} u, \qquad \text{and the responses to each state.}
@@ -18,7 +19,7 @@ from replant.kernels.step.stages import acceptable
 
 
 def respond(s, u, interval, constant, row):
-    """Take an input through dead time and model; fill the row (T,), with a constant if asked; return the output."""
+    """Pass an input through dead time and model; fill the row (T,), with a constant if asked; return the output."""
     n, T, bank, work = s.order, s.entries, s.banks[s.serving_bank], s.work
     first = chain.filters_begin(s, u, 0.0, interval)
     slot = 0
@@ -26,7 +27,7 @@ def respond(s, u, interval, constant, row):
         slot = bk.discretization(bank, n, T, interval, work)
         if s.delay > 0.0:
             s.input_now = chain.advance_delayed_input(s, bank, interval, slot, work, bk.INPUT)
-            # once more: the discretisations of the pieces may have taken the place of that of the whole interval
+            # again: the discretisations of the pieces may have replaced that of the whole interval
             slot = bk.discretization(bank, n, T, interval, work)
         else:
             newest = s.ring_head
@@ -43,7 +44,7 @@ def respond(s, u, interval, constant, row):
         bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.INSTRUMENT], output, work)
     bank[bk.INSTRUMENT] = bank[bk.MODEL_OUTPUT] = output
     bk.fill_output_entries(bank, n, T, bk.MODEL, output, row)
-    if s.unknown_input > 0.0:  # such a sample says nothing
+    if s.unknown_input > 0.0:  # the delayed input is unknown: the sample carries no information
         for i in range(T):
             row[i] = 0.0
     return output
@@ -57,8 +58,9 @@ def respond(s, u, interval, constant, row):
 def branch(s: StateArrays, u: Reals, intervals: Reals, constant: bool, rows: Matrix, output: Reals):
     """Run a model over inputs (K,), from where its last run ended.
 
-    ``intervals`` are (K,) or (1,) in s.  Writes ``rows`` (K, T or more), in the order of the model's entries, that of
-    the constant zero unless asked for, and ``output`` (K,); both NaN where an input is not finite or too large.
+    ``intervals`` are (K,) or (1,) in s.  Writes ``rows`` (K, T or more), in the order of the model's entries, and
+    ``output`` (K,).  The entry of the constant is zero unless asked for.  Both are NaN where an input is not finite or
+    too large.
     """
     T, bank = s.entries, s.banks[s.serving_bank]
     for k in range(u.size):
@@ -67,7 +69,7 @@ def branch(s: StateArrays, u: Reals, intervals: Reals, constant: bool, rows: Mat
             output[k] = np.nan
             for i in range(T):
                 rows[k, i] = np.nan
-        elif bank[bk.REFLECTED] == 1.0:  # a model that is not stable predicts from the output, which is nought
+        elif bank[bk.REFLECTED] == 1.0:  # an unstable model predicts from the measured output, here zero
             chain.observe(s, u[k], 0.0, interval)
             output[k] = bank[bk.MODEL_OUTPUT]
             for i in range(T):

@@ -1,8 +1,7 @@
-"""One sample of the start-up: it is examined as later ones are, and kept; nothing is filtered or learned yet.
+"""One sample of the start-up: it is checked as later ones are, and kept; nothing is filtered or learned yet.
 
-Which stamps, inputs and references are believed is told by the same functions as in `step.covariance`.  A sample whose
-output alone is missing keeps its input, where the optimizer examines outputs: it is stored with the output before it,
-and with the doubt that says so.
+The checks of stamps, inputs and references are those of `step.covariance`.  If the optimizer examines outputs, a sample
+without an output is kept for its input: it is stored with the previous output and `Doubt.MISSING`.
 """
 
 import math
@@ -25,12 +24,12 @@ from replant.kernels.step.stages import (
 
 
 def has_one_before(s):
-    """Return whether a sample without an output can be used: not before the first output, which nothing tells of."""
+    """Return whether a sample without an output can be used: only after the first output."""
     return s.examines_output and s.samples > 0
 
 
 def lacks_first_reference(s, r):
-    """Return whether there is no reference yet, and this one cannot be used; count it."""
+    """Return whether the first reference cannot be used; count it if so."""
     if not s.has_reference or s.samples > 0 or abs(r) <= at.LARGEST:
         return False
     if math.isfinite(r):

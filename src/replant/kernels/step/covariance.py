@@ -1,7 +1,7 @@
 """One sample with an optimizer that keeps a covariance: its output is examined before it is learned.
 
-The stages of `step.gradient.take`, and around them the tests that a covariance makes possible: outliers, stuck sensors,
-outputs that are missing, changes of the plant.
+The stages are those of `step.gradient.take`, with the tests that a covariance makes possible: outliers, stuck sensors,
+missing outputs, changes of the plant.
 """
 
 import math
@@ -35,7 +35,7 @@ from replant.kernels.step.stages import (
 
 
 def record_residual(s, error):
-    """Keep power and colour of the residual, and the estimate's path, where the optimizer keeps a covariance."""
+    """Update power and colour of the residual, and the path of the estimate."""
     if not s.instruments:
         for i in range(s.entries):
             s.zeta[i] = s.phi[i]
@@ -46,9 +46,9 @@ def record_residual(s, error):
 
 
 def take(s, u, y, t, r):
-    """Take one sample as `step.gradient.take` does, and examine its output; where that is NaN the input is used.
+    """Take one sample as `step.gradient.take` does, and examine its output; if the output is NaN the input is used.
 
-    ``r`` is its reference, NaN where there is none.
+    ``r`` is the reference, NaN without one.
     """
     u, y = mapped_input(s, u), y - s.output_offset
     if not (acceptable(s, u, y) or lacks_output_alone(s, u, y)):

@@ -1,16 +1,17 @@
 """One sample of each of `LANES` identifiers at once: `fixed_filter`, in SIMD vectors.
 
 The arrays are those of one identifier (see `kernels.schema`), stacked.  The member axis is the last one, so that a
-quantity of all members is one vector; of ``ints`` it is the first.  The arithmetic is that of `fixed_filter` and
-`optimizers.gradient`, for vectors (see `kernels.lanes`).  A member gets the same bits from either kernel, and
-either can go on where the other stopped.
+quantity of all members is one vector; in ``ints`` it is the first.  The arithmetic is that of `fixed_filter` and
+`optimizers.gradient`, on vectors (see `kernels.lanes`).  A member gets the same bits from either kernel, and each
+kernel can continue from the state of the other.
 
-Members are level as long as none rejects a sample that others accept; the first member then keeps the counters for all.
-With equal random streams level members draw the same rows, which are read where they lie; otherwise every member draws
-its own rows, and those of the batch are gathered first.
+Members are level as long as no member rejects a sample that others accept; the first member then counts for all.  Level
+members with equal random streams draw the same rows, which are read in place.  Otherwise every member draws its own
+rows, and the batch is gathered first.
 
-A member whose sample is rejected goes through the arithmetic, on its last sample over again, and is put back then.
-Samples come in tiles of some hundred, a vector a sample.  `ensemble_members` has what members do each, and learning.
+A member whose sample is rejected takes its previous sample again, to keep the vectors full, and is then restored.
+Samples come in tiles of some hundred, one vector a sample.  `ensemble_members` has the work of single members, and
+learning.
 """
 
 from replant.kernels import schema as at
@@ -36,11 +37,11 @@ from replant.kernels.step.ensemble_members import (
 from replant.kernels.step.soundness import is_known, is_laid_out
 from replant.kernels.step.stages import cut_estimate, mapped_input
 
-AHEAD = 16  # rows that the memory is asked for before they are copied [count]
+AHEAD = 16  # rows by which prefetching runs ahead of copying [count]
 
 
 def are_neighbours(numbers):
-    """Say whether the members are one after the other in the ensemble: then so are their numbers in a row."""
+    """Return whether the members have consecutive numbers: then their samples are contiguous in a row."""
     neighbours = True
     for lane in range(LANES):
         neighbours &= numbers[lane] == numbers[0] + lane
@@ -48,7 +49,7 @@ def are_neighbours(numbers):
 
 
 def fetch(samples, numbers, start, own):
-    """Copy the members' columns of the samples from a row on, or the one for all."""
+    """Copy the samples of the members from row ``start`` on: a column each, or one column for all."""
     rows, width = vectors(own), samples.shape[1]
     if width == 1:
         for k in range(rows.size):
@@ -57,7 +58,7 @@ def fetch(samples, numbers, start, own):
         for k in range(rows.size):
             ahead = min(start + k + AHEAD, samples.shape[0] - 1)
             prefetch(samples, ahead, numbers[0])
-            prefetch(samples, ahead, numbers[LANES - 1])  # their last line
+            prefetch(samples, ahead, numbers[LANES - 1])  # the last cache line of the row
             rows[k] = load(samples, start + k, numbers[0])
     else:
         for k in range(rows.size):
@@ -66,7 +67,7 @@ def fetch(samples, numbers, start, own):
 
 
 def deliver(numbers, members, start, told, estimates, errors, parameters):
-    """Copy errors and estimates of a tile to where they are wanted."""
+    """Copy errors and estimates of a tile to the result arrays."""
     rows = vectors(told)
     if members == LANES and are_neighbours(numbers):
         for k in range(rows.size):
@@ -84,10 +85,10 @@ def deliver(numbers, members, start, told, estimates, errors, parameters):
 
 @inlined
 def take(arrays, s, apart, shared, work, cuts, u, y):
-    """Take samples that were admitted; ``shared``: all draw the same rows.
+    """Take one admitted sample of each member; ``shared``: all draw the same rows.
 
-    ``s`` has the fields of all members, ``cuts`` are filters, regressor and estimate as `fixed_filter` cuts them.
-    Returns the errors, and 0 for members all of whose numbers are finite, else NaN.
+    ``s`` has the fields of all members; ``cuts`` are filters, regressor and estimate as cut by `fixed_filter`.  Returns
+    the errors, and for each member 0 if its new numbers are finite, else NaN.
     """
     filters, regressor, estimate = cuts
     s.elapsed += s.interval
@@ -103,7 +104,7 @@ def take(arrays, s, apart, shared, work, cuts, u, y):
 
 
 def take_tile(arrays, apart, work, u, y, errors, parameters):
-    """Take the samples of a tile: ``u``, ``y`` and ``errors`` have a row a sample, ``parameters`` one a parameter."""
+    """Take the samples of a tile: each row of ``u``, ``y``, ``errors`` and ``parameters`` belongs to one sample."""
     ints, reals, banks, _, recent = arrays
     s, b, written, live = members(ints, reals), vectors(banks), vectors(parameters), work[0]
     inputs, outputs, told = vectors(u), vectors(y), vectors(errors)
@@ -143,7 +144,7 @@ def take_tile(arrays, apart, work, u, y, errors, parameters):
 
 
 def are_sound(ints, reals, banks, buffer, recent, apart):
-    """Return whether the arrays are large enough for what each member's numbers say."""
+    """Return whether the arrays are large enough for the sizes that each member states."""
     if reals.shape[0] < at.SCALARS or banks.shape[0] < 3:
         return False
     for lane in range(LANES):
@@ -168,7 +169,7 @@ def are_sound(ints, reals, banks, buffer, recent, apart):
 
 
 def are_within(numbers, u, y, errors):
-    """Return whether these are members of the ensemble."""
+    """Return whether the numbers are those of members, and the samples have one column or one a member."""
     for lane in range(LANES):
         if not 0 <= numbers[lane] < errors.shape[1]:
             return False
@@ -196,16 +197,17 @@ def steps(
 ):  # fmt: skip
     """Take the samples from row ``start`` on; write error and estimate (physical units) of each member.
 
-    ``apart`` says that the members have random streams of their own, and that ``buffer`` has the member axis first, so
-    that a row of one member lies together.
+    If ``apart``, the members have random streams of their own, and ``buffer`` has the member axis first, so that a row
+    of one member is contiguous.
 
-    ``numbers`` (LANES,) says which of the ensemble's M members these are; lanes beyond ``members`` repeat the first.
-    ``u`` and ``y`` (K, M) have a column a member or (K, 1) one for all; ``errors`` (K, M), ``parameters`` (M, K, size).
+    ``numbers`` (LANES,) are the places of the members among the M of the ensemble; lanes beyond ``members`` repeat the
+    first.  ``u`` and ``y`` have a column for each member, (K, M), or one for all, (K, 1); ``errors`` is (K, M),
+    ``parameters`` (M, K, size).
 
     Work: ``live`` (LANES,); ``drawn`` (BATCH, WIDTH, LANES), the drawn rows of the buffer; ``order`` (BATCH,), 0, 1, 2,
     ...; ``picked`` (LANES,); ``spare`` (T + M, LANES).  ``tile`` (3, R, LANES) and ``estimates`` (R, size, LANES) are
-    for R samples at once.  To fetch them ahead costs less than to pick them one by one: the copies of many rows
-    overlap, a step of the identifier waits for its input.
+    for R samples at once.  Copying many rows ahead is faster than reading them one by one: the copies overlap, while a
+    step waits for its input.
     """
     arrays, work = (ints, reals, banks, buffer, recent), (live, drawn, order, picked, spare)
     for row in range(start, u.shape[0], tile.shape[1]):

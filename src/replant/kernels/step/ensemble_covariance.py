@@ -1,10 +1,10 @@
-"""Samples of each of `LANES` identifiers at once: `step.covariance`, where these are ordinary in SIMD vectors.
+"""Samples of each of `LANES` identifiers at once: `step.covariance`, in SIMD vectors while samples are ordinary.
 
-Members keep arrays of their own.  They come in stretches of a few samples.  Before one, members of whom nothing is due
-go into lanes (`ensemble_exchange`), where they stay from stretch to stretch; vectors then take all its samples
-(`ensemble_ordinary`).  A member that has met with something out of the ordinary goes back to where the stretch began,
-and takes its samples once more by `step.covariance.take`; so does one of whom something is due.  What a member does is
-thus always what it would do alone, to the bit.
+Each member has its own arrays.  Samples are taken in stretches of a few.  Before a stretch, members for whom no action
+is due are copied into lanes (`ensemble_exchange`), where they stay from stretch to stretch.  Vectors then take all
+samples of the stretch (`ensemble_ordinary`).  If one of them was not ordinary for a member, that member is reset to the
+begin of the stretch and takes its samples again by `step.covariance.take`.  A member for whom an action is due takes
+them that way at once.  So a member always gets the bits that it would get alone.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ from replant.kernels.step.stages import mapped_input
 
 
 def take_alone(s, number, start, end, u, y, errors, parameters):
-    """Take a member's samples as it does alone, up to one that needs attention; return the row behind the last."""
+    """Take the samples of one member alone, until it needs attention; return the row after the last one taken."""
     for k in range(start, end):
         now_u, now_y = u[k, number if u.shape[1] > 1 else 0], y[k, number if y.shape[1] > 1 else 0]
         errors[k, number] = covariance.take(s, now_u, now_y, np.nan, np.nan)
@@ -32,7 +32,7 @@ def take_alone(s, number, start, end, u, y, errors, parameters):
 
 
 def keep(reals, models, kept, kept_models):
-    """Keep what the lanes hold."""
+    """Save the content of the lanes."""
     one, other = vectors(reals), vectors(kept)
     for i in range(one.size):
         other[i] = one[i]
@@ -43,7 +43,7 @@ def keep(reals, models, kept, kept_models):
 
 
 def take_vectors(ints, reals, models, work, how, places, samples, width):
-    """Take a stretch in vectors; return the places in the rings after it."""
+    """Take a stretch in vectors; return the newest rows of the two rings after it."""
     beside, companion, tile, estimates = work
     s, banks, own, room = members(ints, reals), vectors(models), vectors(beside), vectors(companion)
     inputs, outputs, told, written = vectors(tile[0]), vectors(tile[1]), vectors(tile[2]), vectors(estimates)
@@ -60,7 +60,7 @@ def take_vectors(ints, reals, models, work, how, places, samples, width):
 
 
 def deliver(numbers, lane, start, samples, tile, estimates, errors, parameters):
-    """Copy a member's errors and estimates to where they are wanted."""
+    """Copy errors and estimates of a member to the result arrays."""
     number = numbers[lane]
     for k in range(samples):
         errors[start + k, number] = tile[2, k, lane]
@@ -70,7 +70,7 @@ def deliver(numbers, lane, start, samples, tile, estimates, errors, parameters):
 
 @inlined
 def each_lane(states, ints, reals, models, live, places, samples):
-    """Let members of whom nothing is due go into their lanes, and the others leave; return whether any is inside."""
+    """Copy members for whom no action is due into their lanes, the others out; return whether any lane is in use."""
     some = False
     for lane in range(live.size):
         own = states[lane]
@@ -86,7 +86,7 @@ def each_lane(states, ints, reals, models, live, places, samples):
 
 
 def fits(s, first):
-    """Return whether a member can be stepped beside the first: what is no test of a sample is the same for both."""
+    """Return whether a member can be stepped beside the first: all branches that do not depend on data are equal."""
     same = s.reals.size == first.reals.size and s.ints.size == first.ints.size
     same &= s.entries == first.entries and s.order == first.order and s.input_entries == first.input_entries
     same &= s.memory_size == first.memory_size and s.settings_size == first.settings_size
@@ -101,7 +101,7 @@ def fits(s, first):
 
 
 def has_room(s, models):
-    """Return whether two banks of each member have room."""
+    """Return whether the array has room for two banks of each member."""
     return models.shape[0] == 2 and models.shape[1] >= width_of(s) and models.shape[2] == LANES
 
 
@@ -136,11 +136,12 @@ def steps(
 ):  # fmt: skip
     """Take the samples from row ``start`` on, up to the stretch in which a member needs attention.
 
-    Returns the row behind it; ``taken`` says how far each member has come: to that row, unless it needs attention.
+    Returns the row after it.  ``taken`` becomes the row that each member has reached: that one, unless it needs
+    attention.
 
-    ``numbers`` (LANES,) says which of the ensemble's M members the states ``one`` to ``sixteen`` are; those beyond the
-    size of ``live`` and ``taken`` are not stepped.  ``u`` and ``y`` (K, M) have a column for each of the ensemble's
-    members or (K, 1) one for all; ``errors`` is (K, M), ``parameters`` (M, K, size).
+    ``numbers`` (LANES,) are the places of the states ``one`` to ``sixteen`` among the M members of the ensemble; states
+    beyond the size of ``live`` and ``taken`` are not stepped.  ``u`` and ``y`` have a column for each member, (K, M),
+    or one for all, (K, 1); ``errors`` is (K, M), ``parameters`` (M, K, size).
 
     Work, with the lanes last: ``ints`` (LANES, I), ``reals`` and ``kept`` (N, LANES), ``models`` and ``kept_models``
     (2, B, LANES), ``beside`` (BESIDE, LANES), ``companion`` (T + 1, LANES), ``tile`` (3, R, LANES) and ``estimates``

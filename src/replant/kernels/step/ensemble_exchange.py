@@ -1,9 +1,9 @@
-"""Between the states of single identifiers and the lanes that step them side by side: into a lane, and out of it.
+"""Copy the state of single identifiers into lanes, which are stepped together, and back.
 
 A lane has the numbers of one identifier that ordinary samples read or change: all of ``ints``, the scalars and some
-blocks of ``reals``, and the two banks of its auxiliary model, the serving one first.  Rings are turned so that the
-newest row lies at the same place in every lane.  What an identifier has of its last samples (past inputs, raw samples,
-the row of the buffer) stays with it, and is written once the samples of a stretch are known to be ordinary.
+blocks of ``reals``, and the two banks of its auxiliary model, the serving one first.  Rings are rotated so that the
+newest row has the same index in every lane.  The recent samples of an identifier (past inputs, raw samples, the row of
+the buffer) stay in its own arrays; they are written once all samples of a stretch are known to be ordinary.
 """
 
 import math
@@ -21,24 +21,24 @@ from replant.kernels.step.fixed_filter import place_of
 
 CHANGED = ("phi", "zeta", "theta", "memory", "colour", "noise")
 READ = ("unit", "settings")
-#: Blocks that go into a lane, and those that come out of it: the place in ``ints`` of where each begins, and its name.
+#: Blocks copied into a lane, and back: the place in ``ints`` that holds the begin of each, and its name.
 INTO = tuple((block.index, block.name) for block in StateSlots.blocks if block.name in CHANGED + READ)
 OUT = tuple((block.index, block.name) for block in StateSlots.blocks if block.name in CHANGED)
 
 
 def turned(row, size, newest, place):
-    """Return the row of a ring, whose newest row is ``newest``, that belongs where another's has ``place``."""
+    """Return the row, in a ring with its newest row at ``newest``, that is ``row`` in one with it at ``place``."""
     return (row - place + newest + size) % size
 
 
 def width_of(s):
-    """Return how many numbers of a bank go into a lane."""
+    """Return how many numbers of a bank are copied into a lane."""
     n = s.order
     return bk.at_kept(n, s.entries) + 1 + n * n + 2 * n
 
 
 def enter(own, ints, reals, models, lane, places):
-    """Put an identifier into a lane."""
+    """Copy an identifier into a lane."""
     for i in range(own.ints.size):
         ints[lane, i] = own.ints[i]
     for i in range(at.SCALARS):
@@ -62,7 +62,7 @@ def enter(own, ints, reals, models, lane, places):
 
 
 def enter_bank(own, bank, model, lane):
-    """Put a bank into a lane, with its discretisation of the sampling time."""
+    """Copy a bank into a lane, with its discretisation for the sampling time."""
     n, T = own.order, own.entries
     end, begin = bk.at_kept(n, T), place_of(bank, n, T, own.interval)
     for i in range(end):
@@ -72,7 +72,7 @@ def enter_bank(own, bank, model, lane):
 
 
 def leave(own, ints, reals, models, lane, places):
-    """Give an identifier back what its lane holds."""
+    """Copy a lane back to its identifier."""
     for i in range(own.ints.size):
         own.ints[i] = ints[lane, i]
     for i in range(at.SCALARS):
@@ -100,16 +100,16 @@ def leave(own, ints, reals, models, lane, places):
 
 
 def is_ready(own, bank):
-    """Say whether a bank is of a stable model, and has the discretisation of the sampling time."""
+    """Return whether a bank is of a stable model, and has the discretisation for the sampling time."""
     begin, interval = place_of(bank, own.order, own.entries, own.interval), own.interval
     return bank[bk.REFLECTED] == 0.0 and abs(bank[begin] - interval) <= bk.SAME_INTERVAL * interval
 
 
 @inlined
 def is_ordinary(s, own, samples):
-    """Say whether nothing is known to be due, or out of the ordinary, within so many samples of a member.
+    """Return whether no action and no exception is expected within the next ``samples`` of a member.
 
-    ``s`` has its newest fields, in its lane or its own; ``own`` those that never go into a lane.
+    ``s`` has its newest fields, in a lane or in its own arrays; ``own`` has the fields that are never in a lane.
     """
     end = s.samples + samples
     if s.attention or not (s.started and s.adapt and s.warming) or s.alarm != Alarm.NONE or s.stuck_outputs > 0:
@@ -130,7 +130,7 @@ def is_ordinary(s, own, samples):
 
 
 def prepare(s, beside, lane):
-    """Fill what stands beside a member's fields; return whether its noise model filters."""
+    """Fill the vectors beside the fields of a member; return whether its noise model filters."""
     noise = s.noise
     beside[ODD, lane] = 0.0
     beside[TIES, lane], beside[STILL, lane] = float(s.ties), float(s.input_still)
@@ -147,10 +147,10 @@ def prepare(s, beside, lane):
 
 
 def note(own, s, beside, companion, lane, samples, inputs, outputs):
-    """Give an identifier what it keeps of samples that were ordinary, and count them.
+    """Store ordinary samples in the arrays of their identifier, and count them.
 
-    ``inputs`` and ``outputs`` (samples, LANES), less the working points; ``s`` are the fields of its lane, whose newest
-    output and input are not those before them any more.
+    ``inputs`` and ``outputs`` (samples, LANES) are less the working points; ``s`` are the fields of its lane, which
+    have already advanced to the newest sample.
     """
     last = own.inputs[s.ring_head]
     interval, recent = s.interval, own.recent

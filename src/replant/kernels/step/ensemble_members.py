@@ -1,7 +1,7 @@
-"""What an ensemble's members do, each for itself or all alike: rejected samples, learning, counting.
+"""Rejected samples, learning and counting in an ensemble, by member or for all members at once.
 
 Arrays are those of `step.ensemble`, with a lane for each member: ``arrays`` is (ints, reals, banks, buffer, recent),
-``s`` the fields of all, ``estimate`` what `stages.cut_estimate` cuts of them, ``work`` as in `step.ensemble.steps`.
+``s`` the fields of all members, ``estimate`` their `stages.cut_estimate`, ``work`` as in `step.ensemble.steps`.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from replant.kernels.step.stages import acceptable, draw_rows, keep_and_write, k
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
 ASIDE_SCALARS = 3  # vectors of the work space behind ASIDE [count]
 
-#: The whole numbers that are the same for level members.
+#: The integers that are equal in level members.
 LEVEL = (
     "samples", "rested", "learned", "buffer_filled", "buffer_head", "drawn", "ring_head", "recent_head", "past_kept",
     "past_due",
@@ -26,7 +26,7 @@ LEVEL = (
 
 
 def are_level(ints, reals):
-    """Say whether all members have counted the same."""
+    """Return whether all members have the same counts."""
     same, first = True, member(ints, reals, 0)
     for lane in range(1, LANES):
         s = member(ints, reals, lane)
@@ -36,7 +36,7 @@ def are_level(ints, reals):
 
 
 def spread(ints, reals):
-    """Let all members know what the first has counted for them."""
+    """Copy the counts of the first member to all others."""
     first = member(ints, reals, 0)
     for lane in range(1, LANES):
         s = member(ints, reals, lane)
@@ -46,12 +46,12 @@ def spread(ints, reals):
 
 @inlined
 def exchange(one, other, back):
-    """Return what two places hold after the first was kept in the second, or put ``back`` from there."""
+    """Return the contents of two places after the first is saved in the second, or restored (``back``) from it."""
     return (other, other) if back else (one, one)
 
 
 def set_aside(s, bank, back):
-    """Keep what one sample of a member changes outside the estimate, which is kept anyway; or put it ``back``."""
+    """Save what one sample of a member changes, or restore it (``back``); the estimate is saved elsewhere."""
     n, T = s.order, s.entries
     room = s.work[2 * n + ASIDE :]
     s.elapsed, room[0] = exchange(s.elapsed, room[0], back)
@@ -66,7 +66,7 @@ def set_aside(s, bank, back):
 
 
 def write_estimate(s, kept):
-    """Give a member the estimate and the optimizer's memory, one behind the other."""
+    """Set estimate and optimizer memory of a member from ``kept``, which holds one after the other."""
     for i in range(s.entries):
         s.theta[i] = kept[i]
     for i in range(s.memory_size):
@@ -75,7 +75,7 @@ def write_estimate(s, kept):
 
 @inlined
 def admit(s, rings, recent, u, y):
-    """Put an accepted sample among the raw samples and the past inputs: those of one member, or level ones'."""
+    """Add an accepted sample to the raw samples and the past inputs, of one member or of all level members."""
     if s.recent_size > 0:
         keep_sample(s, recent, u, y, s.interval)
     keep_input(s, rings, u, s.input_now, s.interval)
@@ -98,7 +98,7 @@ def admit_each(ints, reals, banks, recent, live):
 
 
 def undo(ints, reals, banks, live):
-    """Undo the updates that left float64, and all that rejected samples did."""
+    """Undo updates that overflowed, and all effects of rejected samples."""
     for lane in range(LANES):
         s, own = member(ints, reals, lane), banks[:, :, lane]
         work, adapts = s.work[2 * s.order :], s.adapt
@@ -115,7 +115,7 @@ def undo(ints, reals, banks, live):
 
 @inlined
 def count(s):
-    """Count a sample, of one member or of level ones; return whether the estimate is to be kept."""
+    """Count a sample of one member or of all level members; return whether a past estimate is due to be kept."""
     s.samples += 1
     if not s.adapt:
         s.rested += 1
@@ -125,7 +125,7 @@ def count(s):
 
 
 def count_each(ints, reals, live, counted):
-    """Count the accepted samples member by member, unless that is done, and keep the estimates that are due."""
+    """Count the accepted samples member by member, unless already ``counted``, and keep the estimates that are due."""
     for lane in range(LANES):
         s = member(ints, reals, lane)
         if live[lane] == 1 and (counted or count(s)):
@@ -133,7 +133,7 @@ def count_each(ints, reals, live, counted):
 
 
 def fetch_ahead(s, buffer):
-    """Ask the memory for the rows that the next sample will draw: where a sample is, no cache can guess."""
+    """Prefetch the rows that the next sample will draw: the hardware cannot predict random rows."""
     filled, drawn = min(s.buffer_filled + 1, s.capacity), s.drawn
     for i in range(s.batch_size - 1):
         row = draw_below(s.seed, drawn + i, filled)
@@ -143,17 +143,17 @@ def fetch_ahead(s, buffer):
 
 @inlined
 def learn(s, estimate, buffer, rows, batch):
-    """Let the members' optimizer consume the first ``batch`` of the rows."""
+    """Let the optimizer of the members learn the first ``batch`` of the rows."""
     loops.learn(s.algorithm, estimate[0], estimate[1], estimate[6], buffer, rows, batch, 0, 0.0)
 
 
 def learn_alike(s, arrays, estimate, batch):
-    """Let level members learn the rows that all of them draw."""
+    """Let level members learn the rows that they share."""
     learn(s, estimate, vectors(arrays[3]), estimate[7], batch)
 
 
 def learn_drawn(s, work, estimate, batch):
-    """Let members learn the last ``batch`` of the rows that each has drawn."""
+    """Let each member learn the last ``batch`` of the rows that it has drawn."""
     order = work[2]
     learn(s, estimate, vectors(work[1]), order[order.size - batch :], batch)
 
@@ -176,12 +176,12 @@ def draw_each(ints, reals, live, buffer, newest, apart):
                 own = buffer[lane]
                 for k in range(batch - 1):
                     prefetch(own, s.rows[k], 0)
-                    prefetch(own, s.rows[k], width - 1)  # may lie on the next line
+                    prefetch(own, s.rows[k], width - 1)  # may lie on the next cache line
     return fewest, most
 
 
 def gather(ints, reals, buffer, drawn, picked, most, apart):
-    """Lay the batch that each member has drawn before its newest sample, the last row of ``drawn``."""
+    """Copy the batch that each member has drawn in front of its newest sample, the last row of ``drawn``."""
     batches, width = vectors(drawn), drawn.shape[1]
     capacity, step = buffer.shape[1], 1 if apart else LANES
     for k in range(most - 1):
@@ -203,7 +203,7 @@ def learn_each_its_own(arrays, s, apart, work, estimate):
     fewest, most = draw_each(ints, reals, live, buffer, drawn[order.size - 1], apart)
     gather(ints, reals, buffer, drawn, picked, most, apart)
     if fewest < most:  # some buffers are not warm yet: their members learn the newest sample alone
-        learn_drawn(s, work, estimate, fewest)  # which is one
+        learn_drawn(s, work, estimate, fewest)  # fewest is 1
         for i in range(theta.size):
             learned[i] = theta[i]
             theta[i] = kept_theta[i]
@@ -220,7 +220,7 @@ def learn_each_its_own(arrays, s, apart, work, estimate):
 
 @inlined
 def nought(numbers):
-    """Return 0 where all numbers are finite, else NaN; by fours, as each sum waits for the one before it."""
+    """Return 0 if all numbers are finite, else NaN; in groups of four, to shorten the chain of dependent sums."""
     total, rest = 0.0, numbers.size % 4
     for i in range(rest):
         total += 0.0 * numbers[i]
@@ -233,7 +233,7 @@ def nought(numbers):
 def update_estimate(arrays, s, apart, shared, work, estimate, target):
     """Learn the newest samples and their batches; ``shared``: all draw the same rows.
 
-    Returns the a-priori errors, scaled, and 0 for members all of whose numbers are finite, else NaN.
+    Returns the a-priori errors, scaled, and for each member 0 if its new numbers are finite, else NaN.
     """
     _, _, _, buffer, _ = arrays
     theta, memory, _, _, _, unit, _, rows = estimate
@@ -248,7 +248,7 @@ def update_estimate(arrays, s, apart, shared, work, estimate, target):
         drawn = vectors(work[1])
         error = keep_and_write(s, drawn[s.batch_size - 1], estimate, target)
         learn_each_its_own(arrays, s, apart, work, estimate)
-    finite = nought(memory)  # which is known before theta is
+    finite = nought(memory)  # first, as memory is known before theta
     for i in range(theta.size):
         finite += 0.0 * (theta[i] * unit[i])
     return error, finite

@@ -1,12 +1,12 @@
 """An ordinary sample of `LANES` identifiers at once, with a refined filter and an optimizer that keeps a covariance.
 
-Ordinary is a sample with which `step.covariance.take` does nothing but arithmetic: accepted, neither at rest nor in
-doubt, and nothing is due.  Here are its stages for vectors, with the sums in their order, so that a member gets the
-same bits.  A test that a member fails marks its lane in ODD; what the lane holds from then on is of no use.
+A sample is ordinary if `step.covariance.take` does nothing but arithmetic with it: it is accepted, neither at rest nor
+in doubt, and no action is due.  The stages below are those of `take` for vectors, with sums in the same order, so that
+a member gets the same bits.  A test that a member fails marks its lane in ODD; the lane is invalid from then on.
 
 Arguments: ``s`` the fields of all members; ``models`` (2, size), the banks of the serving auxiliary model and of the
-warming one, each with the one discretisation of a regular clock; ``beside`` the vectors below; ``places`` the rows of
-the newest sample in the rings of the noise model and of the residual's colour.
+warming one, each with the one discretisation of a regular clock; ``beside`` the vectors listed below; ``places`` the
+rows of the newest sample in the rings of the noise model and of the residual's colour.
 """
 
 from replant.kernels import schema as at
@@ -19,29 +19,29 @@ from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers.memory import block
 from replant.kernels.schema import LAGS
 
-# Vectors beside the fields: a truth, whole numbers of each member, and what follows from its fields.
+# Vectors beside the fields: a flag, integers of each member, and numbers derived from its fields.
 ODD, TIES, STILL, BEGAN, COUNT, REST_AFTER, ANEW, WEIGHT = range(8)
 MODEL = 8  # place of the LAGS coefficients of the noise model in use [index]
 BESIDE = MODEL + LAGS  # vectors beside the fields [count]
-# three are, where ties are as seldom as `outliers.LEAST_TIE_SHARE`: 3 ln 1e-3 lies below `outliers.CHANCE`
-FEW_TIES = 2.0  # ties in a row that no sensor is found stuck by, however fine its scale [samples]
+# three are enough if ties are as rare as `outliers.LEAST_TIE_SHARE`: 3 ln 1e-3 lies below `outliers.CHANCE`
+FEW_TIES = 2.0  # ties in a row that prove no sensor stuck, however fine its scale [samples]
 
 
 @inlined
 def unless_at_most(beside, number, limit):
-    """Mark the lanes where a number is not at most its limit."""
+    """Mark the lanes with a number that is not at most its limit."""
     beside[ODD] = if_at_most(number, limit, beside[ODD], 1.0)
 
 
 @inlined
 def unless_less(beside, number, limit):
-    """Mark the lanes where a number is not less than its limit."""
+    """Mark the lanes with a number that is not less than its limit."""
     beside[ODD] = if_less(number, limit, beside[ODD], 1.0)
 
 
 @inlined
 def follow_input(s, beside, u):
-    """Mark inputs that are far away or at rest, and follow their moving variance: `is_far` and `input_rests`."""
+    """Mark inputs that are far away or at rest, and update their moving variance: `is_far` and `input_rests`."""
     away = u - s.input_mean
     leap = interruptions.INPUT_LEAP * interruptions.INPUT_LEAP
     unless_at_most(beside, away * away, leap * s.largest_power)
@@ -64,7 +64,7 @@ def follow_input(s, beside, u):
 
 @inlined
 def advance(s, bank, y, start, end):
-    """Carry a bank over one interval, and predict its output: `chain.observe`."""
+    """Advance a bank by one interval, and predict its output: `chain.observe`."""
     n, T, work = s.order, s.entries, s.work
     slot = bk.at_kept(n, T)
     bk.advance_two(bank, n, T, slot, bk.OUTPUT, s.last_output, y, bk.INPUT, start, end, work)
@@ -91,7 +91,7 @@ def fill_regressor(s, bank, y):
 
 @inlined
 def examine(s, beside, modelled, error, y):
-    """Mark outputs that are in doubt or not calm, and follow ties and size: `outliers.observe` and `is_calm`."""
+    """Mark outputs that are in doubt or not calm, and update ties and size: `outliers.observe` and `is_calm`."""
     step, ties, share = abs(y - s.last_raw), beside[TIES], s.tie_share
     s.last_raw = y
     tie = if_at_most(step, 0.0, 1.0, 0.0)
@@ -124,7 +124,7 @@ def whiten(s, beside, place, target, filters):
     row[2 * T] = target
     if not filters:
         return target
-    # of members whose noise model does not filter the weight is 0
+    # the weight is 0 for members whose noise model does not filter
     weight, d_1, d_2, d_3, d_4 = beside[WEIGHT], beside[MODEL], beside[MODEL + 1], beside[MODEL + 2], beside[MODEL + 3]
     for i in range(T):
         white = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
@@ -139,7 +139,7 @@ def whiten(s, beside, place, target, filters):
 
 @inlined
 def learn(s, beside, error, forgets):
-    """Learn the newest row, whose a-priori error this is: `covariance.recursive_least_squares`.  Returns alpha."""
+    """Learn the newest row with its a-priori ``error``: `covariance.recursive_least_squares`.  Returns alpha."""
     T, memory, theta, forgetting = s.entries, s.memory, s.theta, s.settings[0]
     U, D, caps = memory[: T * T].reshape(T, T), block(memory, second.AT_D, T), block(memory, second.AT_CAPS, T)
     projected, gain = block(memory, second.AT_PROJECTED, T), block(memory, second.AT_GAIN, T)
@@ -158,7 +158,7 @@ def learn(s, beside, error, forgets):
 
 @inlined
 def watch(s, beside, alpha, white):
-    """Follow the residual's variance, and mark where an alarm is to be raised: `outliers.watch`."""
+    """Update the residual's variance, and mark lanes that raise an alarm: `outliers.watch`."""
     s.variance_ratio = max(alpha / s.settings[0], 1.0)
     square = s.error * s.error / s.variance_ratio
     s.residuals_seen += 1.0
@@ -184,7 +184,8 @@ def watch(s, beside, alpha, white):
 def take(s, models, beside, places, companion, how, u, y):
     """Take one sample, as `step.covariance.take` does; return the error in the unit of y.
 
-    ``companion`` (T,) becomes zeta as learned; ``how``: whether a noise model filters, and the optimizer forgets.
+    ``companion`` (T + 1,) becomes zeta and the target as learned; ``how``: whether a noise model filters, and whether
+    the optimizer forgets.
     """
     filters, forgets = how
     unless_at_most(beside, abs(u), at.LARGEST)

@@ -1,8 +1,8 @@
 """One sample of the article's method: gradient family, fixed filter, regular clock.
 
-No instruments, no dead time, fewer zeros than poles.  The result equals that of `step.gradient` to the bit, so either
-can go on where the other stopped.  With one interval there is one discretisation, so every array that a sample needs is
-cut once a call; benchmarks/kernels.py measures the ratio to C.
+No instruments, no dead time, fewer zeros than poles.  The result equals that of `step.gradient` to the bit, so each
+kernel can continue from the state of the other.  One interval needs one discretisation, so the arrays that a sample
+needs are cut once a call.  benchmarks/kernels.py measures the ratio to C.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ from replant.kernels.step.stages import (
 
 @inlined
 def place_of(bank, n, T, interval):
-    """Return where in the bank the exact solution over ``interval`` lies, or will lie once it is computed."""
+    """Return the index in the bank of the exact solution over ``interval``, even before it is computed."""
     kept, size = bk.at_kept(n, T), 1 + n * n + 2 * n
     for slot in range(bk.KEPT):
         if abs(bank[kept + slot * size] - interval) <= bk.SAME_INTERVAL * interval:
@@ -63,8 +63,8 @@ def cut_rings(s):
 def cut_regressor(s, bank):
     """Return the arrays of `fill_regressor`: those of the output (n numbers each), then those of the input.
 
-    d_i / c^(n-i), gain, new filter state, phi; gain, the new states that enter the regressor, phi.  The last entry of
-    phi and of its gain is the constant where there is one.
+    d_i / c^(n-i), gain, new filter state, phi; gain, the new states that enter the regressor, phi.  If there is a
+    constant, it is the last entry of phi and of its gain.
     """
     n, T, inputs = s.order, s.entries, s.input_entries
     characteristic, gain = bk.DENOMINATOR + n, bk.at_gain(n)
@@ -81,9 +81,9 @@ def cut_regressor(s, bank):
 
 @inlined
 def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
-    """Find the filter states after one interval: output and input start at y and u and rise along straight lines.
+    """Compute the filter states after one interval: output and input start at y and u and rise along straight lines.
 
-    `settle` puts them in place at the end: the regressor, for which all waits, is made of ``new`` itself, not a copy.
+    `settle` copies them at the end: the regressor is on the critical path, so it is made of ``new`` itself.
     """
     n = constant.size
     wy, wu, new_wy, new_wu = states, states[n:], new, new[n:]
@@ -100,7 +100,7 @@ def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
 
 @inlined
 def settle(states, new):
-    """Let the new states take the place of the others."""
+    """Replace the states by the new ones."""
     for i in range(states.size):
         states[i] = new[i]
 
@@ -112,7 +112,7 @@ def discretize(s, bank):
 
 
 def begin(s, u, y):
-    """Take the first sample: the filters are at rest, and their discretisation is made."""
+    """Take the first sample: the filters are at rest, and their discretisation is computed."""
     chain.begin(s, u, y)
     discretize(s, s.banks[0])
     states, new = bk.at_states(s.order, s.entries), s.work
@@ -122,7 +122,7 @@ def begin(s, u, y):
 
 @inlined
 def keep_input(s, rings, u, last, interval):
-    """Keep an input in the rings: a dead time, or stamps, may come into use where another kernel goes on."""
+    """Keep an input in the rings: a kernel that continues from here may need them for a dead time or for stamps."""
     inputs, held, intervals = rings
     newest = s.ring_head + 1
     if newest == inputs.size:
@@ -133,7 +133,7 @@ def keep_input(s, rings, u, last, interval):
 
 @inlined
 def advance_filters(s, filters, last, u, y):
-    """Carry the filter states from the sample before, of the input ``last``, to this one, as (6)-(7) do."""
+    """Advance the filter states from the previous sample, with input ``last``, to this one by (6)-(7)."""
     A, constant, ramp, states, new = filters
     last_y = s.last_output
     rise = u - last if s.straight_input else 0.0
@@ -158,7 +158,7 @@ def fill_regressor(s, regressor, y):
 
 @inlined
 def update_estimate(s, estimate, target):
-    """Learn the newest sample and its batch; undo what leaves float64.  Returns the a-priori error, scaled."""
+    """Learn the newest sample and its batch; undo an update that overflows.  Returns the a-priori error, scaled."""
     theta, memory, _, _, _, _, settings, rows = estimate
     error = keep_and_write(s, s.buffer[s.buffer_head], estimate, target)
     batch = draw_rows(s, rows)
@@ -181,7 +181,7 @@ def cut(s):
 
 @inlined
 def take(s, cuts, u, y):
-    """Take one sample by the arrays of `cut`; return y - theta' phi a priori in the unit of y, NaN if rejected."""
+    """Take one sample with the arrays of `cut`; return the a-priori error in the unit of y, NaN if rejected."""
     filters, rings, regressor, estimate = cuts
     u, y = mapped_input(s, u), y - s.output_offset
     if not acceptable(s, u, y):
@@ -214,7 +214,7 @@ def take(s, cuts, u, y):
 @kernel(IS_SOUND, LEARNS)
 @short_loops
 def step(s: StateArrays, u: float, y: float, t: float, r: float):
-    """Take one sample; return its error as `take` does; ``t`` is NaN, as the clock is regular, ``r`` is not used."""
+    """Take one sample; return its error as `take` does; ``t`` and ``r`` are not used, as the clock is regular."""
     if s.started:
         discretize(s, s.banks[0])
     return take(s, cut(s), u, y)
@@ -223,7 +223,7 @@ def step(s: StateArrays, u: float, y: float, t: float, r: float):
 @kernel(IS_SOUND, LEARNS, *AS_MANY)
 @short_loops
 def steps(s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals, errors: Reals, parameters: Matrix):
-    """Take K samples; write errors and estimates (physical units), return how many: all; ``t``, ``r`` are empty."""
+    """Take all K samples; write errors and estimates (physical units); return K; ``t`` and ``r`` are empty."""
     if s.started:
         discretize(s, s.banks[0])
     cuts = cut(s)

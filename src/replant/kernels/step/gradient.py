@@ -1,6 +1,6 @@
 """One sample with an optimizer of the gradient family: any filter, any clock, dead time, instruments.
 
-`take` is the plain reading of what happens to a sample; `step.fixed_filter` is faster for the method of the article.
+`take` shows the plain order of the stages; `step.fixed_filter` is faster for the method of the article.
 """
 
 import math
@@ -28,7 +28,7 @@ from replant.kernels.step.stages import (
 def take(s, u, y, t, r):
     """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
 
-    ``t`` is its time stamp in s, or NaN where the clock is regular.  ``r``, a reference, is not used.
+    ``t`` is the time stamp in s, NaN if the clock is regular.  ``r``, a reference, is not used.
     """
     u, y = mapped_input(s, u), y - s.output_offset
     if not acceptable(s, u, y):

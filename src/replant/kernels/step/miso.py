@@ -1,19 +1,20 @@
-r"""The joint update of a row of transfer functions, sample by sample, along filters that rest.
+r"""The joint update of a row of transfer functions, sample by sample, with fixed filters.
 
-Round the model that the filters are made of, theta_0, the error of a row is linear in what it is off,
-e = e_0 - phi' delta + noise with delta = theta - theta_0.  With D(q) (noise) = w white,
+The filters are made of a model theta_0.  Near it the error of a row is linear in delta = theta - theta_0,
+e = e_0 - phi' delta + noise.  With D(q) (noise) = w white,
 
 .. math:: \delta \leftarrow \delta + \frac{P\,\psi}{1 + \psi' P\,\psi} (D e_0 - \psi' \delta), \quad \psi = D \varphi,
 
-which is recursive least squares; offset and initial states are among the entries of delta.  An innovation counts as
-`OUTLYING` standard deviations at the most, so that a wild output moves the estimate no further.  Where the past is
-broken only j < p predecessors are known: the best model of order j filters, weighted by the root of V_p / V_j.
+which is recursive least squares; offset and initial states are entries of delta.  An innovation is clipped at
+`OUTLYING` standard deviations, which bounds the effect of a wild output.  After a break only j < p predecessors are
+known: the best model of order j filters, weighted by the root of V_p / V_j.
 
-Page's test tells whether the innovations have become larger: the sum of log-likelihood ratios of twice the variance,
-less its least value so far.  It goes beyond h within n samples by chance at most n exp(-h) times.
+Page's test detects a larger variance of the innovations: the sum of log-likelihood ratios of twice the variance, less
+its least value so far.  By chance it exceeds h at most n exp(-h) times within n samples.
 
-In feedback P and the gain are made of instruments zeta, whitened likewise, in place of phi: their products with phi and
-with themselves are alike, as zeta is what phi has from outside, and the rest of phi is independent of it.
+In feedback P and the gain are made of instruments zeta, whitened in the same way, in place of phi.  zeta is the part of
+phi that comes from outside the loop, and the rest of phi is independent of it: zeta phi' and zeta zeta' have the same
+mean.
 
 Sources: Ljung (1999), "System Identification: Theory for the User", sections 7.3 and 11.2; Page (1954), "Continuous
 inspection schemes", Biometrika 41.
@@ -27,17 +28,17 @@ from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers.covariance import measurement_update, variance_along
 from replant.kernels.schema import LAGS, OUTLYING
 
-# places in ``counts``: known predecessors of the next sample; samples learned; updates refused; samples since which
-# Page's sum is above nought
+# places in ``counts``: known predecessors of the next sample; samples learned; updates refused; samples since Page's
+# sum was last zero
 KNOWN, LEARNED, REFUSED, RISING = range(4)
-# places in ``squares``: sum of the squares of the normalised innovations; Page's sum; variance of innovations that it
-# is used to, where that is more than their mean
+# places in ``squares``: sum of the squares of the normalised innovations; Page's sum; usual variance of the
+# innovations, used if it exceeds their mean
 POWER, PAGE, USUAL = range(3)
 
-# so that a few wild outputs are no alarm
-WILD = 9.0  # square of a normalised innovation that counts in Page's sum, at the most [variances]
-# what it takes 50 calm samples to lose, on the average
-BEYOND = 5.0  # of Page's sum above the limit, at the most [nats]
+# so that a few wild outputs raise no alarm
+WILD = 9.0  # largest square of a normalised innovation in Page's sum [variances]
+# 50 ordinary samples reduce the sum by this much on average
+BEYOND = 5.0  # largest excess of Page's sum over its limit [nats]
 
 
 @kernel(
@@ -54,31 +55,32 @@ def learn(
     powers: Reals, delta: Reals, factor: Matrix, diagonal: Reals, counts: Ints, squares: Reals, least: float,
     limit: float, errors: Reals, estimates: Matrix, work: Reals,
 ):  # fmt: skip
-    """Take K samples; return the first one at which Page's sum goes beyond its limit, K where it does at none.
+    """Take K samples; return the first one at which Page's sum exceeds its limit, K if there is none.
 
     Parameters
     ----------
     rows : (LAGS + K, T + 1) array
-        phi and e_0 of each sample, behind those of the LAGS before.
+        phi and e_0 of each sample, after those of the LAGS samples before.
     instruments : (LAGS + K, T) array
-        zeta likewise; without rows: phi.
+        zeta in the same order; an array without rows stands for phi.
     measured, usual : (K,) arrays
-        Truths: whether there is an output; whether the sample comes one sampling time after the one before.
+        Flags: whether there is an output; whether the sample comes one sampling time after the previous one.
     learns : bool
+        Whether delta is updated.
     order : int
         Order p of the noise model.
     models, powers : (LAGS + 1, LAGS + 1) and (LAGS + 1,) arrays
         The noise models of each order, and V of each.
     delta, factor, diagonal : (T,), (T, T) and (T,) arrays
-        The estimate less theta_0, and P = U D U'.
+        theta - theta_0, and P = U D U'.
     counts, squares : (4,) and (3,) arrays
         See `KNOWN` and `POWER`.
     least : float
-        Variance of an innovation below which nothing is wrong.
+        Least variance that innovations are compared with.
     limit : float
         Of Page's sum, in nats.
     errors : (K,) array
-        Written: y less the output of the model before, in the unit of y; NaN where there is no output.
+        Written: y less the output predicted a priori, in the unit of y; NaN without an output.
     estimates : (K, P) array
         Written: the first entries of delta after each sample.
     work : (4 T + 1,) array

@@ -1,6 +1,6 @@
-"""Whether a state's arrays are as long as its own numbers say: looked at before a compiled kernel runs.
+"""Check, before a compiled kernel runs, that the arrays of a state are as long as its own numbers state.
 
-Of the numbers in ``ints`` those count that serve as an index; the others are looked at where a checkpoint is read.
+Of the numbers in ``ints`` only those used as an index are checked; the others are checked when a checkpoint is read.
 """
 
 from typing import Final
@@ -13,41 +13,41 @@ from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import LAGS, StateArrays, StateSlots
 from replant.kernels.slot_tables import Flag
 
-MOST: Final = 1 << 24  # sizes beyond which their products might leave int64 [count]
+MOST: Final = 1 << 24  # largest size: products of larger ones may overflow int64 [count]
 
-#: The blocks of a state: the place in ``ints`` that says where each begins, and its name.
+#: The blocks of a state: the place in ``ints`` that holds the begin of each, and its name.
 BLOCKS: Final = tuple((block.index, block.name) for block in StateSlots.blocks)
 
-#: What kernels take for a truth.
+#: The slots that kernels use as flags.
 FLAGS: Final = tuple(slot.name for slot in StateSlots.integers if isinstance(slot, Flag))
 
-#: Numbers that an optimizer's settings have at the least, by its code; those of `KALMAN_TRACKING` have T more.
+#: The least number of settings of each optimizer, by its code; `KALMAN_TRACKING` has T more.
 SETTINGS: Final = {
     gradient.GRADIENT: 1, gradient.ADAM: 4, gradient.AMSGRAD: 4, gradient.ADAGRAD: 2, gradient.RMSPROP: 3,
     gradient.NADAM: 4, gradient.ADADELTA: 3, gradient.INTEGRAL_COST: 3, covariance.RECURSIVE_LEAST_SQUARES: 1,
     covariance.KALMAN_TRACKING: 1,
 }  # fmt: skip
-#: For each optimizer: its code, the size of its memory, that of its settings.
+#: For each optimizer: its code, the size of its memory (three coefficients), the least number of its settings.
 OPTIMIZERS: Final = tuple(
     (code, *memory.end, SETTINGS[code]) for code, memory in (gradient.MEMORY | covariance.MEMORY).items()
 )
 
 
 def are_within(s):
-    """Return whether the numbers of ``reals`` and of the banks that serve as an index are within their blocks."""
+    """Return whether numbers of ``reals`` and of the banks that are used as an index are within their blocks."""
     noise = s.noise
     if not (0 <= noise.order <= LAGS and 0 <= noise.known <= LAGS + 1 and 0 <= noise.position <= LAGS):
-        return False  # nor is one that is no number
+        return False  # also for NaN
     if not (0 <= s.colour.position < LAGS and 0 <= s.path.kept < max(s.path_size, 1)):
         return False
     for row in range(3):
         if not 0 <= s.banks[row, bk.NEXT] < bk.KEPT:
             return False
-    return scatter.lasting(s) <= 2 * s.order + 2  # else the work arrays are too short for their covariance
+    return scatter.lasting(s) <= 2 * s.order + 2  # else the work arrays are too short for the covariance
 
 
 def is_known(s):
-    """Return whether the optimizer is known, and has as much memory and settings as it needs."""
+    """Return whether the optimizer is known, and its memory and settings are large enough."""
     T, M, S = s.entries, s.memory_size, s.settings_size
     for code, squares, entries, ones, settings in OPTIMIZERS:
         if s.algorithm == code:
@@ -57,7 +57,7 @@ def is_known(s):
 
 
 def is_laid_out(s, reals, banks, columns):
-    """Return whether the blocks lie one after the other within so many ``reals``, and the banks are large enough."""
+    """Return whether the blocks lie one after the other within the ``reals``, and the banks are large enough."""
     if s.ints.size < at.ROWS:
         return False
     n, T, M, S, ring = s.order, s.entries, s.memory_size, s.settings_size, s.ring_size
@@ -82,7 +82,7 @@ def is_laid_out(s, reals, banks, columns):
 
 @kernel()
 def is_sound(s: StateArrays):
-    """Return whether all arrays of a state are large enough, and what serves as an index is within them."""
+    """Return whether all arrays of a state are large enough, and all indices are within them."""
     if not is_laid_out(s, s.reals.size, s.banks.shape[0], s.banks.shape[1]):
         return False
     T, batch, capacity, rows = s.entries, s.batch_size, s.capacity, s.recent_size

@@ -1,6 +1,6 @@
-"""The stages of one sample that every variant of the step kernel uses: checks, the update, what is kept.
+"""The stages of one sample that all variants of the step kernel share: checks, the update, the samples kept.
 
-`regressors` is the chain of filters alone, for a record.
+`regressors` runs the chain of filters alone over a record.
 """
 
 import math
@@ -17,24 +17,24 @@ from replant.kernels.optimizers.gradient import telling_part
 from replant.kernels.optimizers.memory import draw_below
 from replant.kernels.schema import Doubt, StateArrays
 
-# of the four kept the oldest lies then three to four of these steps back, so that a quarter to a third of all samples,
-# and later three to four times PAST_STEP, are held out from it
-KEEP_AFTER_PART = 8  # part by which the samples must have grown until the estimate is kept again [part: one in so many]
-# four of them, as many as are kept, span more samples than a test needs
-KEEP_AFTER_LEAST = 32  # samples between two past estimates kept, at the least [samples]
-# just written one by one, they could be read as vectors only when all have reached the cache: everything would wait
-FEW = 16  # numbers up to which they are looked at one by one [count]
+# the oldest of the four kept is then three to four steps old: a quarter to a third of all samples, and later three to
+# four times PAST_STEP, are held out from it
+KEEP_AFTER_PART = 8  # an estimate is kept each time the samples have grown by 1 / 8 [reciprocal share]
+# four estimates are kept: four of these steps span more samples than a test needs
+KEEP_AFTER_LEAST = 32  # least number of samples between two past estimates kept [samples]
+# a vector load of numbers just stored one by one would stall until all stores have reached the cache
+FEW = 16  # up to this many numbers are read one by one [count]
 
 
 @inlined
 def mapped_input(s, u):
-    """Return the input as the filters see it, u or u^2 less the working point; ``u`` and the state may be vectors."""
+    """Return the input of the filters, u or u^2 less the working point; ``u`` and the state may be vectors."""
     return (u * u if s.square_input else u) - s.input_offset
 
 
 @inlined
 def acceptable(s, u, y):
-    """Return whether input and output are finite and small enough for float64; count a sample that is not."""
+    """Return whether input and output are finite and small enough for float64; count a rejected sample."""
     if abs(u) <= at.LARGEST and abs(y) <= at.LARGEST:
         return True
     if math.isfinite(u) and math.isfinite(y):
@@ -45,7 +45,7 @@ def acceptable(s, u, y):
 
 
 def lacks_output_alone(s, u, y):
-    """Return whether a sample that was turned away has an input that can be used, and no output."""
+    """Return whether a rejected sample has a usable input and no output; if so, it no longer counts as rejected."""
     if not (math.isnan(y) and abs(u) <= at.LARGEST):
         return False
     s.not_finite -= 1
@@ -53,7 +53,7 @@ def lacks_output_alone(s, u, y):
 
 
 def note_reference(s, r):
-    """Take the reference of an accepted sample; of one that is not finite or too large, the last."""
+    """Take the reference of an accepted sample; keep the previous one if it is not finite or too large."""
     if abs(r) <= at.LARGEST:
         s.reference_now = r
     else:
@@ -62,15 +62,15 @@ def note_reference(s, r):
 
 @inlined
 def may_learn(s):
-    """Say whether the user has not frozen the estimate, and the filters have settled after a gap."""
+    """Return whether the estimate is not frozen by the user, and the filters have settled after a gap."""
     return s.adapt and not s.elapsed < s.learn_from
 
 
 @inlined
 def cut_estimate(s):
-    """Return what is learned, and with what.
+    """Return the arrays of an update.
 
-    theta (T,) and the optimizer's memory (M,); both as they were before the newest sample; phi (T,); the unit of
+    theta (T,) and the optimizer's memory (M,); copies of both from before the newest sample; phi (T,); the unit of
     theta (T,); the optimizer's settings (S,); the drawn rows (BATCH,).
     """
     T, M = s.entries, s.memory_size
@@ -79,10 +79,10 @@ def cut_estimate(s):
 
 @inlined
 def keep_and_write(s, row, estimate, target):
-    """Keep the estimate as it is and write a sample into its row of the buffer; return the a-priori error, scaled.
+    """Save the estimate and write a sample into its row of the buffer; return the a-priori error, scaled.
 
-    ``row`` becomes [phi (T,), target, 1/m^2], m^2 = 1 + phi' phi where updates are normalised.  In one pass: for a few
-    parameters to begin a loop takes longer than to run it.
+    ``row`` becomes [phi (T,), target, 1/m^2], with m^2 = 1 + phi' phi if updates are normalised, else 1.  All in one
+    loop: with few parameters the start of a loop costs more than its passes.
     """
     theta, memory, kept_theta, kept_memory, phi = estimate[:5]
     T, squares, error = phi.size, 0.0, target
@@ -103,14 +103,14 @@ def keep_and_write(s, row, estimate, target):
 
 @inlined
 def draw_rows(s, rows):
-    """Draw the rows of the newest sample's batch into ``rows``, and move on in the buffer; return how many."""
+    """Draw the rows of the newest sample's batch into ``rows``, and advance in the buffer; return their number."""
     head, capacity = s.buffer_head, s.capacity
     s.buffer_head = head + 1 if head + 1 < capacity else 0
     filled = min(s.buffer_filled + 1, capacity)
     s.buffer_filled = filled
     batch = s.batch_size if filled > s.warmup else 1
     seed, drawn = s.seed, s.drawn
-    for i in in_turn(0, batch - 1):  # its products have 64 bits, which not all vectors have
+    for i in in_turn(0, batch - 1):  # not all processors have vectors of 64-bit products
         rows[i] = draw_below(seed, drawn + i, filled)
     rows[batch - 1] = head
     s.drawn = drawn + batch - 1
@@ -118,11 +118,11 @@ def draw_rows(s, rows):
 
 
 def remember(s, target):
-    """Keep the estimate, store the sample in the buffer and draw the rows of its batch; return how many.
+    """Save the estimate, store the sample in the buffer and draw the rows of its batch; return their number.
 
-    With instruments zeta (T,) lies behind the row of `keep_and_write`, and m^2 = 1 + zeta' zeta: the noise of phi would
-    correlate with it.  Once the buffer is full the newest sample takes the place of the oldest: Algorithm 3 of the
-    article, mended; as printed it takes the buffer for empty again each time the index wraps.
+    With instruments, zeta (T,) follows the row of `keep_and_write`, and m^2 = 1 + zeta' zeta: 1 + phi' phi would
+    correlate with the noise.  A full buffer replaces its oldest sample.  This corrects Algorithm 3 of the article: as
+    printed it treats the buffer as empty each time the index wraps.
     """
     T, row, estimate = s.entries, s.buffer[s.buffer_head], cut_estimate(s)
     keep_and_write(s, row, estimate, target)
@@ -137,26 +137,26 @@ def remember(s, target):
 
 
 def direction_of(s):
-    """Return the column of the buffer where the vector begins that updates follow: that of zeta, or of phi."""
+    """Return the first column in the buffer of the vector that updates follow: zeta, or phi without instruments."""
     return s.entries + 2 if s.instruments else 0
 
 
 def all_finite(size, numbers):
-    """Say whether so many numbers are finite."""
+    """Return whether the first ``size`` numbers are finite."""
     if size <= FEW:
         for i in range(size):
             if not math.isfinite(numbers[i]):
                 return False
         return True
     finite = True
-    for i in range(size):  # no return from within: a loop that runs to its end is vectorised
+    for i in range(size):  # no early return: only a loop that runs to its end is vectorised
         finite &= math.isfinite(numbers[i])
     return finite
 
 
 @inlined
 def left_float64(theta, unit, telling):
-    """Say whether a physical parameter, or a number of the optimizer's memory, is not finite: see `telling_part`."""
+    """Return whether a physical parameter or the optimizer's memory is not finite: see `telling_part`."""
     for i in range(theta.size):
         if not math.isfinite(theta[i] * unit[i]):
             return True
@@ -165,7 +165,7 @@ def left_float64(theta, unit, telling):
 
 @inlined
 def undo_unless_finite(s, estimate):
-    """Undo an update that left float64, and count it."""
+    """Undo an update that overflowed, and count it."""
     theta, memory, kept_theta, kept_memory, _, unit, _, _ = estimate
     if left_float64(theta, unit, telling_part(s.algorithm, theta.size, memory)):
         s.refused += 1
@@ -176,7 +176,7 @@ def undo_unless_finite(s, estimate):
 
 
 def update_estimate(s, target, interval, learn):
-    """Let ``learn`` consume the newest sample, whose scaled target this is, and its batch: the general variants."""
+    """Learn the newest sample, with this scaled ``target``, and its batch; ``learn`` is the optimizers' function."""
     batch, estimate = remember(s, target), cut_estimate(s)
     theta, memory, _, _, _, _, settings, rows = estimate
     learn(s.algorithm, theta, memory, settings, s.buffer, rows, batch, direction_of(s), interval)
@@ -185,7 +185,7 @@ def update_estimate(s, target, interval, learn):
 
 
 def keep_estimate(s):
-    """Keep the estimate as it is now, in the place of the oldest one kept: later samples are held out from it."""
+    """Keep the present estimate in place of the oldest one kept: later samples are held out from it."""
     samples = s.samples
     kept = s.past_kept % at.PAST
     s.past[kept, 0] = samples
@@ -197,7 +197,7 @@ def keep_estimate(s):
 
 @inlined
 def keep_sample(s, recent, u, y, interval):
-    """Keep the raw sample, over the oldest one."""
+    """Store the raw sample in place of the oldest one."""
     head = s.recent_head
     row = recent[head]
     row[0], row[1], row[2] = u, y, interval
@@ -205,17 +205,17 @@ def keep_sample(s, recent, u, y, interval):
 
 
 def keep_guarded_sample(s, u, y, interval):
-    """Keep the raw sample, over the oldest one, with the output that the filters saw, the doubt, and the reference."""
+    """Store the raw sample as `keep_sample` does, with the output that the filters saw, the doubt, the reference."""
     row = s.recent[s.recent_head]
     row[at.BRIDGED], row[at.DOUBTED] = s.used_output, s.doubt
     if s.has_reference:
         row[at.REFERENCE] = s.reference_now
-    # what the filters saw stands for an output that is missing
+    # a missing output is stored as the one that the filters saw
     keep_sample(s, s.recent, u, s.used_output if s.doubt == Doubt.MISSING else y, interval)
 
 
 def renew_model(s):
-    """Make the newest estimate the auxiliary model where that is due, and renew what is known of the noise with it."""
+    """If due, make the newest estimate the auxiliary model, and renew the noise models with it."""
     if chain.renew_model(s):
         if s.has_noise_model:
             whitening.renew(s)
@@ -224,10 +224,10 @@ def renew_model(s):
 
 
 def take_many(s, u, y, t, r, errors, parameters, take):
-    """Take samples by ``take``, until the identifier has work to do; return how many.
+    """Take samples by ``take`` until the identifier needs attention; return how many were taken.
 
-    ``u`` and ``y`` are (K,), ``t``, stamps in s, and ``r``, references, (K,) or empty.  Writes ``errors`` (K,), in the
-    unit of y, and ``parameters`` (K, P), the estimate after each sample in physical units.
+    ``u`` and ``y`` are (K,); ``t``, stamps in s, and ``r``, references, are (K,) or empty.  Writes ``errors`` (K,), in
+    the unit of y, and ``parameters`` (K, P), the estimate after each sample in physical units.
     """
     for k in range(u.size):
         stamp = t[k] if t.size > 0 else np.nan
@@ -254,9 +254,10 @@ def regressors(
 ):  # fmt: skip
     """Run the chain alone over a record, for offline use: regressors, instruments, target, auxiliary output.
 
-    ``u`` and ``y`` are (K,), ``intervals`` (K,) or (1,) in s; ``by_reference`` (K, 2) is what a reference explains of
-    them, or (0, 2) where there is none.  Writes ``phi`` and ``zeta`` (K, T), ``target`` (K,), scaled, and ``output``
-    (K,) in the unit of y; NaN for rejected samples.  ``zeta`` and ``output`` need instruments, else are left alone.
+    ``u`` and ``y`` are (K,), ``intervals`` (K,) or (1,) in s; ``by_reference`` (K, 2) is the part of each that a
+    reference explains, or (0, 2) without one.  Writes ``phi`` and ``zeta`` (K, T), ``target`` (K,), scaled, and
+    ``output`` (K,) in the unit of y.  ``phi`` and ``target`` are NaN for rejected samples.  ``zeta`` and ``output`` are
+    written only with instruments, and not for rejected samples.
     """
     T = s.entries
     regular = intervals.size == 1
