@@ -196,7 +196,7 @@ def test_three_arrays_make_a_log() -> None:
         ({"nb": 1}, "zeros=1"),
         ({"nk": 1}, "delay=0.2 is the dead time in s"),
         ({"Ts": 0.1}, "dt=0.1"),
-        ({"pole": 1}, "poles is one"),
+        ({"pole": 1}, "did you mean poles?"),
         ({"poles": range(1, 3)}, "search chooses"),
         ({"poles": 1, "delay": [0.0, 1.0]}, "search chooses"),
         ({"structure": 1}, "write poles=1"),

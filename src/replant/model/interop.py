@@ -1,4 +1,4 @@
-"""Other libraries' data frames, systems, units and words for the same settings."""
+"""Interoperation with other libraries: data frames, systems, units, and their names for our arguments."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError, needs, shown
 from replant.numerics.arguments import FloatArray, array_of_reals, coefficients
 from replant.numerics.limits import duration
 
-_INDEX = r"[\d\s:,]+[\])]"  # of a MATLAB column, as in data.y[:,0]: no unit
+_INDEX = r"[\d\s:,]+[\])]"  # the index of a MATLAB column, as in data.y[:,0], is no unit
 _UNIT = rf"\s*[\[(](?!{_INDEX})([^\[\]()]+)[\])]\s*$"
 
 
@@ -61,18 +61,18 @@ def trace_dataset(
     )
 
 
-Signals = Mapping[str, tuple[str, FloatArray]]  # of a log: of each role its column's name and its samples
-Others = Mapping[str, FloatArray]  # its other columns
+Signals = Mapping[str, tuple[str, FloatArray]]  # column name and samples of each role in a log
+Others = Mapping[str, FloatArray]  # the other columns of a log
 
 
 def log_frame(signals: Signals, others: Others, time: FloatArray | None, about: Mapping[str, Any]) -> Any:
-    """Return a log as a `pandas.DataFrame`, and what there is to say about it, ``dt`` among it, as its attributes."""
+    """Return a log as a `pandas.DataFrame`, with ``about`` (which has ``dt``), roles and units as its attributes."""
     columns = [*signals.items(), *(("another column", one) for one in others.items())]
     names = [name for _, (name, _) in columns]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         both = " and ".join(role for role, (name, _) in columns if name == twice)
-        raise InvalidArgumentError(f"{both} are both named {twice!r}: give them names of their own")
+        raise InvalidArgumentError(f"{both} are both named {twice!r}: give them different names")
     clock = _clock(columns[0][1][1].size, about["dt"]) if time is None else time
     frame = _library("pandas").DataFrame(dict(each for _, each in columns), index=_index("time", clock))
     roles = {role: name for role, (name, _) in signals.items()}
@@ -81,10 +81,10 @@ def log_frame(signals: Signals, others: Others, time: FloatArray | None, about: 
 
 
 def log_dataset(signals: Signals, others: Others, time: FloatArray | None, about: Mapping[str, Any]) -> Any:
-    """Return a log as an `xarray.Dataset`, whose variables have the names of the roles, or of the other columns."""
+    """Return a log as an `xarray.Dataset`, with variables named after the roles and the other columns."""
     taken = next((name for name in others if name in {*signals, "time"}), None)
     if taken is not None:
-        raise InvalidArgumentError(f"another column is named {taken!r}, as the dataset names its own: rename it")
+        raise InvalidArgumentError(f"another column is named {taken!r}, a name that the dataset uses itself: rename it")
     clock = _clock(signals["input"][1].size, about["dt"]) if time is None else time
     described = {
         key: (("time",), samples.copy(), {"long_name": without_unit(name), "units": unit_of(name)})
@@ -94,10 +94,10 @@ def log_dataset(signals: Signals, others: Others, time: FloatArray | None, about
 
 
 def parameter_units(names: Sequence[str]) -> dict[str, str]:
-    """Return the unit of each parameter, in terms of the units y of the output and u, or the name, of its input."""
+    """Return the unit of each parameter, in terms of the unit y of the output and u, or the name, of its input."""
     units = {}
     for name in names:
-        parameter, _, given = name.partition(".")  # as in b0.u1, of several inputs
+        parameter, _, given = name.partition(".")  # with several inputs, as in b0.u1
         if parameter == "bias":
             units[name] = "y"
             continue
@@ -116,7 +116,7 @@ def _along(samples: int, dt: float | None, time: FloatArray | None) -> tuple[str
 
 
 def _clock(samples: int, dt: float | None) -> Any:
-    """Return the time of each sample in s, starting at 0; without ``dt`` the sample's number."""
+    """Return the time of each sample in s, starting at 0; without ``dt`` the number of the sample."""
     return np.arange(samples) if dt is None else duration("dt", dt) * np.arange(samples)
 
 
@@ -152,7 +152,7 @@ SEARCH = "search(log, poles=range(1, 4)) chooses the structure"
 REST = "the initial state is estimated; fit(rp.from_rest(log), ...) takes it as at rest"
 LOG = "fit(u, y, dt, poles=2), or fit(frame, input='u', output='y', poles=2)"
 
-#: MATLAB and CONTSID, SIPPY, SysIdentPy, python-control.
+#: Names of arguments in MATLAB and CONTSID, SIPPY, SysIdentPy and python-control, and what to write instead.
 WORDS = {
     **dict.fromkeys(("na", "np", "nf", "n", "order", "ylag", "n_poles", "na_ord", "ss_order"), POLES),
     **dict.fromkeys(("nz", "n_zeros"), ZEROS),
@@ -168,7 +168,7 @@ WORDS = {
 
 
 def in_our_words(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate a function so that an argument it does not have is answered in one line."""
+    """Decorate a function so that an unknown argument is answered with the one to use instead."""
     known = tuple(name for name in inspect.signature(function).parameters if name != "self")
 
     @functools.wraps(function)
@@ -182,11 +182,11 @@ def in_our_words(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _answer(name: str, known: tuple[str, ...]) -> str:
-    """Return what to write in place of a word."""
+    """Return what to write instead of an unknown argument."""
     if name in WORDS:
         return WORDS[name]
     near = get_close_matches(name, known, n=1)
-    return f"{near[0]} is one" if near else f"there are {', '.join(known)}"
+    return f"did you mean {near[0]}?" if near else f"the arguments are {', '.join(known)}"
 
 
 Polynomials = tuple[FloatArray, FloatArray]
@@ -209,7 +209,7 @@ def of_control(system: Any) -> Polynomials:
 
 
 def control_matrix(rows: Sequence[Sequence[Any]]) -> Any:
-    """Return rows of `control.TransferFunction` systems, one for each output, as one system of several inputs."""
+    """Join rows of `control.TransferFunction` systems, one row for each output, to one system of several inputs."""
     import control
 
     parts = [[[getattr(g, part)[0][0] for g in row] for row in rows] for part in ("num", "den")]
@@ -245,8 +245,8 @@ def of_state_space(a: Any, b: Any, c: Any, d: Any) -> Polynomials:
         return d.reshape(-1)[:1], np.ones(1)
     from scipy.signal import ss2tf
 
-    # it leaves rounding errors where leading coefficients are zero: the first that is not has the place of the first
-    # Markov parameter that is not, h_0 = D, h_k = C A^(k-1) B
+    # ss2tf leaves rounding errors in leading coefficients that should be zero; the first non-zero coefficient has the
+    # index of the first non-zero Markov parameter, h_0 = D, h_k = C A^(k-1) B
     num, den = ss2tf(a, b, c, d)
     num = np.array(num[0], np.float64)
     markov, bound, column, reach = d.item(), abs(d.item()), b, np.abs(b)
@@ -274,7 +274,7 @@ def _proper(num: Any, den: Any) -> Polynomials:
 def _check_single(inputs: int, outputs: int) -> None:
     if (inputs, outputs) != (1, 1):
         raise InvalidArgumentError(
-            f"the system must have one input and one output, got {inputs} and {outputs}: choose one pair of them"
+            f"the system must have one input and one output, got {inputs} and {outputs}: choose one of each"
         )
 
 

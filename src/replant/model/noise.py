@@ -20,17 +20,17 @@ from replant.numerics.linear_algebra import quiet
 class NoiseModel:
     r"""The model :math:`e_k + d_1 e_{k-1} + \ldots + d_p e_{k-p} = w_k` of the residual e of G(s), w white.
 
-    The residual is the output less what G(s) makes of the input.  Of an unstable G = B/A it is A/D y - B/D u, where D
-    is A with its unstable roots reflected: the noise through an all-pass.
+    The residual is the output less the response of G(s) to the input.  For an unstable G = B/A it is A/D y - B/D u,
+    where D is A with its unstable roots reflected: the noise filtered by an all-pass.
 
     Parameters
     ----------
     coefficients : (p + 1,) array
         1, d_1 .. d_p; p = 0 for white noise.
     variance : float
-        Of the innovation w, in the output's unit squared.
+        Variance of the innovation w, in the output's unit squared.
     residual_variance : float
-        Of the residual e.
+        Variance of the residual e, in the same unit.
     dt : float
         Sampling time in s.
 
@@ -56,27 +56,27 @@ class NoiseModel:
 
     @property
     def order(self) -> int:
-        """How many past residuals tell the next one: 0 for white noise."""
+        """Number of past residuals that predict the next one: 0 for white noise."""
         return self.coefficients.size - 1
 
     @property
     def is_white(self) -> bool:
-        """Whether no past residual tells anything of the next one."""
+        """Whether past residuals do not predict the next one."""
         return self.order == 0
 
     @quiet
     def spectrum(self, frequency: Sequence[float] | FloatArray) -> FloatArray:
         r"""Return the power spectral density at each ``frequency`` omega in rad/s, in the output's unit squared per Hz.
 
-        It is two-sided, :math:`\Phi(\omega) = \sigma_w^2\, dt / |D(e^{i \omega dt})|^2`: its integral over the
-        frequencies in Hz from -1/(2 dt) to 1/(2 dt) is the variance of the residual.
+        It is two-sided, :math:`\Phi(\omega) = \sigma_w^2\, dt / |D(e^{i \omega dt})|^2`: its integral from -1/(2 dt) to
+        1/(2 dt) Hz is the variance of the residual.
         """
         shift = np.exp(-1j * array_of_reals("frequency", frequency) * self.dt)
         return np.asarray(self.variance * self.dt / np.abs(np.polyval(self.coefficients[::-1], shift)) ** 2)
 
     @classmethod
     def of_slots(cls, noise: NoiseSlots, dt: float, scale: float = 1.0) -> NoiseModel:
-        """Return the model in use of a state or an estimate; ``scale`` is the unit of its residuals in the output's."""
+        """Return the noise model in use in a state or an estimate; ``scale`` converts residuals to the unit of y."""
         order = int(noise.order)
         variances = [float(noise.variances[j]) * scale**2 for j in (order, 0)]
         known = [variance if math.isfinite(variance) else 0.0 for variance in variances]

@@ -1,4 +1,4 @@
-"""Preprocess: what happens to the raw input and output before any filter: input map and working point."""
+"""Preprocess: the input map and the working point, applied to raw input and output before any filter."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Preprocess:
     Parameters
     ----------
     input_map : {"identity", "square"} or callable
-        A static nonlinearity ahead of the linear plant; "square" for electrostatic actuators, whose force follows
-        the squared voltage.  A callable takes and gives a float64 vector of any length, entry by entry.
+        A static nonlinearity before the linear plant; "square" for electrostatic actuators, whose force is
+        proportional to the squared voltage.  A callable maps a float64 vector of any length entry by entry.
     input_offset, output_offset : float, "first" or "mean"
         Working point, in the unit of the *mapped* input and of the output: a number, the first sample, or the mean
-        of the start-up samples (of the whole record in `replant.fit`).
+        of the start-up samples (in `replant.fit` of the whole record).
 
     References
     ----------
@@ -55,12 +55,12 @@ class Preprocess:
         if self.input_map == "identity":
             return u
         if self.input_map == "square":
-            with np.errstate(over="ignore"):  # infinite: such a sample is rejected
+            with np.errstate(over="ignore"):  # a sample that overflows is rejected
                 return u * u
         return self.call_map(u)
 
     def call_map(self, u: FloatArray) -> FloatArray:
-        """Return the result (K,) of the function that maps the raw input; InvalidArgumentError for another shape."""
+        """Return the raw input (K,) mapped by the callable; InvalidArgumentError if the shape changes."""
         assert callable(self.input_map)
         mapped = array_of_reals("the result of input_map", self.input_map(u))
         if mapped.shape != u.shape:
@@ -69,14 +69,14 @@ class Preprocess:
 
     @property
     def needs(self) -> str:
-        """What must be known first: "nothing", the "first" sample, or the "mean" of some."""
+        """The samples that the working point needs: "nothing", the "first", or the "mean" of several."""
         offsets = (self.input_offset, self.output_offset)
         return "mean" if "mean" in offsets else "first" if "first" in offsets else "nothing"
 
     def resolve(self, u: FloatArray, y: FloatArray) -> Preprocess:
-        """Return the same with numbers for offsets, taken from raw samples (K,), those that `screen` rejects left out.
+        """Return the same with numeric offsets, computed from the raw samples (K,) that `screen` accepts.
 
-        "first" or "mean" of a record without a single sample that can be used is an InvalidArgumentError.
+        InvalidArgumentError if an offset is "first" or "mean" and the record has no usable sample.
         """
         if self.needs == "nothing":
             return self
@@ -85,13 +85,13 @@ class Preprocess:
         valid, rejected = screen(mapped, y)
         if not valid.any():
             none = rejected_in_words(rejected) or "there is no sample"
-            raise InvalidArgumentError(f"the working point needs at least one sample that can be used: {none}")
+            raise InvalidArgumentError(f"the working point needs at least one usable sample: {none}")
         offsets = (self.input_offset, mapped[valid]), (self.output_offset, y[valid])
         return Preprocess(self.input_map, *(_level(*each) for each in offsets))
 
 
 def screen(mapped: FloatArray, y: FloatArray) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], dict[str, int]]:
-    """Return which samples (K,) an identifier accepts, and how many it rejects for which reason."""
+    """Return which samples (K,) an identifier accepts, and the number rejected for each reason."""
     with np.errstate(invalid="ignore"):
         finite = np.isfinite(mapped) & np.isfinite(y)
         small = (np.abs(mapped) <= LARGEST) & (np.abs(y) <= LARGEST)
@@ -100,7 +100,7 @@ def screen(mapped: FloatArray, y: FloatArray) -> tuple[np.ndarray[tuple[int], np
 
 
 def rejected_in_words(rejected: Mapping[str, int]) -> str:
-    """Return how many samples are rejected for which reason; empty where none is.
+    """Return the number of rejected samples for each reason as text; empty if there are none.
 
     >>> rejected_in_words({"not finite": 1200, "too large": 0, "stuck": 3})
     '1,200 not finite, 3 stuck'
@@ -109,7 +109,7 @@ def rejected_in_words(rejected: Mapping[str, int]) -> str:
 
 
 def accepted(signal: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return a signal (K,) with NaN for what no identifier accepts, and which samples it does accept.
+    """Return a signal (K,) with NaN for samples that no identifier accepts, and a mask of those it accepts.
 
     >>> accepted(np.array([1.0, 1e308]))
     (array([ 1., nan]), array([ True, False]))
@@ -128,8 +128,8 @@ def _level(offset: WorkingPoint, signal: FloatArray) -> float:
 
 
 def centre(preprocess: Preprocess, u: FloatArray, y: FloatArray) -> Preprocess:
-    """Return the same with the record's mean, outliers apart, as working point; a constant is estimated beside G(s)."""
-    # the constant makes any working point right; one near the data keeps the regression well conditioned
+    """Return the same with the record's mean, without outliers, as working point."""
+    # a constant is estimated with G(s), so any working point is right; one near the data conditions the regression well
     mapped = preprocess.map_input(u)
     accepted, _ = screen(mapped, y)
     if not accepted.any():

@@ -4,12 +4,12 @@ For a monic denominator D(s) of order n and a time scale c [rad/s] the states ar
 
     w_i = c^(n-i) s^i / D(s) x,   i = n-1 .. 0,
 
-each of which has a gain near one.  The article's unscaled states s^i / D(s) x differ in size by c^n.  They obey
+each with a gain near one; the article's unscaled states s^i / D(s) x differ in size by c^n.  They obey
 
     dw/dt = c [ -D_scaled ; shift ] w + c e_1 x,   D_scaled_i = d_i / c^(n-i).
 
-A dead time is a whole number of samples and a fraction of one.  A response is exact for the hold over every interval,
-and for a dead time of any length: the output at the samples is that of the differential equation.
+A dead time is a whole number of samples and a fraction of one.  A response is exact for the hold over every interval
+and for any dead time: the output at the samples is that of the differential equation.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ import numpy as np
 from replant.numerics.arguments import FloatArray
 from replant.numerics.limits import LONGEST, SHORTEST
 
-# some million times the precision of float64: a decimal fraction of a decimal sampling time is hit
+# some million times the precision of float64, so that decimal multiples of a decimal sampling time count as whole
 WHOLE = 1e-9  # distance of a dead time from a whole number of samples up to which it counts as whole [part of it]
 
-# beyond, float64 does not hold every whole number
+# float64 does not hold every larger integer
 NEVER = 2.0**53  # dead time that is longer than any record [samples]
 
 
@@ -60,7 +60,7 @@ def _time_scale(denominator: FloatArray) -> float:
     with np.errstate(divide="ignore"):
         suggested = np.exp(np.log(np.abs(denominator[1:])) / powers)
     c = suggested[-1] if suggested[-1] > 0 else suggested.max()
-    # of a pole slower than any time the scale would leave float64 in its powers: such a plant integrates
+    # powers of the scale of an extremely slow pole would underflow: such a plant is an integrator
     return float(np.clip(c, 1.0 / LONGEST, 1.0 / SHORTEST)) if c > 0 else 1.0
 
 
@@ -103,7 +103,7 @@ def input_taps(matrix: FloatArray, column: FloatArray, interval: float, hold: st
     # split at the corner of the delayed input: the first part lies on the older piece of the input
     early, late = fraction * interval, (1 - fraction) * interval
     carry, before, after = exact(matrix, column, late, hold)
-    # the late part runs from the corner value x[k-1] to the point (1 - fraction) of the way to x[k]; of a held input
+    # the late part runs from the corner value x[k-1] to the point (1 - fraction) of the way to x[k]; for a held input
     # ``after`` is zero, and the older piece is x[k-2] throughout
     taps = np.stack([np.zeros(column.size), before + fraction * after, (1 - fraction) * after])
     if early > 0:
@@ -115,7 +115,7 @@ def input_taps(matrix: FloatArray, column: FloatArray, interval: float, hold: st
 
 
 def unknown_outputs(delay: float, dt: float) -> int:
-    """Return how many outputs of a record answer to inputs from before it, with a dead time in s.
+    """Return how many outputs of a record respond to inputs from before it, with a dead time in s.
 
     >>> unknown_outputs(0.3, 0.1), unknown_outputs(0.32, 0.1)
     (3, 4)
@@ -134,7 +134,7 @@ def split_delay(delay: float, dt: float) -> tuple[int, float]:
 
 
 class Rational(Protocol):
-    """What is simulated: a `TransferFunction`, by what a simulation needs of it."""
+    """The properties of a `TransferFunction` that a simulation needs."""
 
     @property
     def den(self) -> FloatArray:
@@ -153,17 +153,17 @@ class Rational(Protocol):
 
 
 class Stretch(NamedTuple):
-    """The response over K samples that follow each other."""
+    """The response over K consecutive samples."""
 
-    output: FloatArray  # (K,): by the inputs alone
-    free: FloatArray  # (L, n): responses to a unit of each state at the beginning; from row L on they have died out
-    # how many outputs, the first ones, answer to inputs from before the record, because of a dead time; in them
-    # ``output`` and ``free`` stand still
+    output: FloatArray  # (K,): response to the inputs alone
+    free: FloatArray  # (L, n): responses to a unit of each initial state; from row L on they have decayed
+    # number of first outputs that respond to inputs from before the record, because of a dead time; meanwhile
+    # ``output`` and ``free`` are constant
     unknown: int
 
 
 class Response:
-    """The response of a model to a record, batch by batch; joined, they are that of the whole to the bit."""
+    """The response of a model to a record, batch by batch; joined, the batches equal the whole to the bit."""
 
     def __init__(self, model: Rational, dt: float, input_hold: str = "zoh", *, at_rest: bool = True) -> None:
         from replant.kernels.filters import bank, simulate
@@ -178,7 +178,7 @@ class Response:
             self._row = self._states[n:] = model.output_row(form)
         self._feedthrough, self._dt, self._straight, self._at_rest = model.feedthrough, dt, input_hold == "foh", at_rest
         self._delay, self._progress = model.delay, np.zeros(simulate.PROGRESS)
-        self._samples = self._lengths = np.zeros(0)  # two before the piece of the input that acts next, and all since
+        self._samples = self._lengths = np.zeros(0)  # the two before the piece that acts next, and all since
 
     def take(self, u: FloatArray, intervals: FloatArray | None = None) -> Stretch:
         """Return the response to the next inputs (K,)."""

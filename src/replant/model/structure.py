@@ -29,10 +29,10 @@ class Structure:
     delay : float
         Dead time in seconds, any real number >= 0.
     bias : bool
-        Identify a constant of the regression as well, (24) of the article.  With a fixed filter it has the unit of the
-        output; with the refined filter it is the constant of A y = B u + bias, which is the output's offset times a0.
+        Also identify a constant of the regression, (24) of the article.  With a fixed filter it has the unit of the
+        output; with the refined filter it is the constant of A y = B u + bias, the output's offset times a0.
     feedthrough : bool
-        Allow as many zeros as poles: the output then jumps with the input, as that of an accelerometer does.
+        Allow as many zeros as poles: the output then jumps with the input, as with an accelerometer.
 
     Raises
     ------
@@ -70,7 +70,7 @@ class Structure:
 
     @classmethod
     def wanted(cls, structure: Structure | None, poles: int | None, zeros: int, delay: float) -> Structure:
-        """Return a structure that was given, or the one with so many poles and zeros, and ``delay`` in s.
+        """Return the given structure, or the one with these numbers of poles and zeros, and ``delay`` in s.
 
         >>> Structure.wanted(None, 2, 1, 0.0)
         Structure(poles=2, zeros=1, delay=0.0, bias=False, feedthrough=False)
@@ -80,7 +80,9 @@ class Structure:
                 raise ArgumentTypeError("give the number of poles, poles=2, or structure=Structure(poles=2)")
             for name, given in (("poles", poles), ("zeros", zeros), ("delay", delay)):
                 if iterable(given):
-                    raise ArgumentTypeError(f"{name} must be one number, got {shown(given)}: search chooses of many")
+                    raise ArgumentTypeError(
+                        f"{name} must be one number, got {shown(given)}: search chooses among several"
+                    )
             return cls(poles, zeros, delay)
         given_as: object = structure
         if isinstance(given_as, int | np.integer):
@@ -100,7 +102,7 @@ class Structure:
         return a + b + (("bias",) if self.bias else ())
 
     def transfer_function(self, parameters: FloatArray) -> TransferFunction:
-        """Return G(s) of ``parameters`` (P,), given in the order of `names`.
+        """Return G(s) with the ``parameters`` (P,), in the order of `names`.
 
         Parameters
         ----------
@@ -122,12 +124,12 @@ class Structure:
 
     @property
     def coefficients(self) -> int:
-        """How many coefficients G(s) has: n of the denominator and m + 1 of the numerator."""
+        """Number of coefficients of G(s): n of the denominator and m + 1 of the numerator."""
         return self.poles + self.zeros + 1
 
     @property
     def size(self) -> int:
-        """How many parameters are identified, P: the coefficients, and the bias if there is one."""
+        """Number P of identified parameters: the coefficients, and the bias if there is one."""
         return self.coefficients + self.bias
 
     @property
@@ -142,12 +144,12 @@ class Structure:
 
 
 def places_of(structures: Sequence[Structure]) -> list[slice]:
-    """Return which of the parameters of several inputs are those of each."""
+    """Return the slice of each input in the parameters of several inputs."""
     ends = list(accumulate(each.size for each in structures))
     return [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
 
 
 def names_of(structures: Sequence[Structure], inputs: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the parameters of several inputs, each with that of its input: a0.u1, b0.u1, a0.u2, .."""
+    """Return the parameter names of several inputs, each with the name of its input: a0.u1, b0.u1, a0.u2, .."""
     pairs = zip(inputs, structures, strict=True)
     return tuple(f"{parameter}.{name}" for name, structure in pairs for parameter in structure.names)

@@ -53,7 +53,7 @@ class Mode:
         return cls(pole, magnitude / (2 * math.pi), damping, time_constant)
 
 
-# beyond, the coefficients of a dead time of 1 s leave float64
+# with a higher order the coefficients for a dead time of 1 s overflow
 MOST_PADE = 100  # highest order of a Pade approximation [count]
 
 
@@ -64,8 +64,8 @@ class TransferFunction:
     Parameters
     ----------
     num, den : sequence of float
-        Coefficients in descending powers of s, as SciPy and python-control order them; both are divided by the
-        leading coefficient of ``den``.
+        Coefficients in descending powers of s, as in SciPy and python-control; both are divided by the leading
+        coefficient of ``den``.
     delay : float
         Dead time in s.
 
@@ -148,7 +148,7 @@ class TransferFunction:
 
     @quiet
     def response(self, frequency: Sequence[float] | FloatArray) -> npt.NDArray[np.complex128]:
-        """Return G(i omega) at each ``frequency`` omega in rad/s, in the shape given; not finite at a pole.
+        """Return G(i omega) at each ``frequency`` omega in rad/s, in the same shape; not finite at a pole.
 
         Parameters
         ----------
@@ -166,7 +166,7 @@ class TransferFunction:
 
     @quiet
     def simulate(self, u: Sequence[float] | FloatArray, dt: float, *, input_hold: str = "zoh") -> FloatArray:
-        """Return the output (K,) from rest for a sampled input, exact for the hold.
+        """Return the output (K,) for a sampled input, starting at rest; exact for the given hold.
 
         Before the first sample the input is zero.
 
@@ -176,7 +176,7 @@ class TransferFunction:
         dt : float
             Sampling time in s.
         input_hold : {"zoh", "foh"}
-            What the input does between samples.
+            Input between samples: held, or linear.
 
         Examples
         --------
@@ -188,7 +188,7 @@ class TransferFunction:
 
     @quiet
     def free_responses(self, samples: int, dt: float) -> FloatArray:
-        """Return the responses (K, n) to a unit of each initial state alone, at K ``samples`` that are ``dt`` s apart.
+        """Return the responses (K, n) to a unit of each initial state, at K ``samples`` that are ``dt`` s apart.
 
         The states are those of `state_space.companion`.  An initial state w0 (n,) adds ``free_responses @ w0``.
         """
@@ -219,7 +219,7 @@ class TransferFunction:
         system : control.TransferFunction or control.StateSpace
             In continuous time, with one input and one output.
         delay : float
-            Dead time in s, which python-control's systems do not have.
+            Dead time in s, as python-control's systems have none.
 
         Raises
         ------
@@ -245,16 +245,16 @@ class TransferFunction:
         Parameters
         ----------
         system : scipy.signal.lti
-            Of one input and one output.
+            With one input and one output.
         delay : float
-            Dead time in s, which SciPy's systems do not have.
+            Dead time in s, as SciPy's systems have none.
 
         Raises
         ------
         InvalidArgumentError
             If the system has several inputs or outputs, is in discrete time, or improper.
         ArgumentTypeError
-            If it is none of the three, or has complex coefficients.
+            If it is none of these, or has complex coefficients.
 
         Examples
         --------
@@ -277,7 +277,7 @@ class TransferFunction:
         from scipy.signal import TransferFunction as ScipyTransferFunction
 
         system = ScipyTransferFunction([1.0], [1.0])
-        # set afterwards: given at once, leading coefficients of a numerator below 1e-14 are dropped with a warning
+        # set afterwards: the constructor drops leading numerator coefficients below 1e-14 with a warning
         system.num, system.den = self.num, self.den
         return system
 
@@ -287,13 +287,13 @@ class TransferFunction:
         Parameters
         ----------
         pade : int, optional
-            Order of the Pade approximation that takes the place of the dead time: its phase is right up to about
+            Order of the Pade approximation that replaces the dead time; its phase is accurate up to about
             ``pade / delay`` rad/s.
 
         Raises
         ------
         InvalidArgumentError
-            If ``delay`` is not 0, and no order is given.
+            If ``delay`` is not 0 and no order is given.
         MissingDependencyError
             If python-control is not installed.
 
@@ -338,17 +338,17 @@ class TransferFunction:
 
 @quiet
 def _monic(name: str, polynomial: FloatArray, leading: float) -> FloatArray:
-    """Return a polynomial over the leading coefficient of ``den``."""
-    monic = polynomial / leading + 0.0  # turns -0.0 into 0.0: what compares equal must have the same hash
+    """Return a polynomial divided by the leading coefficient of ``den``."""
+    monic = polynomial / leading + 0.0  # turns -0.0 into 0.0: equal coefficients must have the same hash
     if not np.isfinite(monic).all():
         raise InvalidArgumentError(
-            f"{name} leaves float64 where den is made monic: its leading coefficient is {leading:g}"
+            f"{name} overflows when divided by the leading coefficient of den, {leading:g}: scale both polynomials"
         )
     return coefficients(name, monic)
 
 
 def _pade(delay: float, order: int) -> tuple[FloatArray, FloatArray]:
-    """Return num and den of the Pade approximation of a dead time; its order is at most one that float64 holds."""
+    """Return num and den of the Pade approximation of a dead time; InvalidArgumentError if coefficients overflow."""
     import control
 
     if order <= MOST_PADE:
@@ -357,7 +357,7 @@ def _pade(delay: float, order: int) -> tuple[FloatArray, FloatArray]:
             if np.isfinite(num).all() and np.isfinite(den).all():
                 return num, den
     raise InvalidArgumentError(
-        f"pade must be smaller: with a dead time of {delay:g} s the order {shown(order)} leaves float64"
+        f"pade must be smaller: with a dead time of {delay:g} s coefficients of order {shown(order)} overflow"
     )
 
 
@@ -373,7 +373,7 @@ def polynomial_text(polynomial: FloatArray) -> str:
 
 
 def terms_of(polynomial: FloatArray, number: Callable[[float], str], times: str, power_of_s: str) -> list[str]:
-    """Return the terms of a polynomial, each with its sign: ``number`` writes a coefficient, ``times`` follows."""
+    """Return the terms of a polynomial with their signs; ``number`` formats a coefficient, ``times`` follows it."""
     terms: list[str] = []
     for power, value in zip(range(polynomial.size - 1, -1, -1), polynomial.tolist(), strict=True):
         if value == 0.0 and polynomial.size > 1:

@@ -1,17 +1,17 @@
 r"""Uncertainty of poles, damping, gain and frequency response, from the covariance of the coefficients.
 
-It is to first order, but for roots that may be shared: a pole that a zero may cancel, one at infinity too.  Where A and
-B share a root p, G(s) is that of fewer poles and zeros, times (s - p)/(s - p): p may be any number, and the
-coefficients with it.  The covariance of an estimate whose pole and zero nearly cancel says how well they are known
-near the place where chance has put them; only an unbounded interval holds the true coefficients as often as it says.
-What G(s) does where the input excites it, and its other poles, are not affected.
+It is a first-order approximation, except for a pole that a zero may cancel, perhaps at infinity.  If A and B share a
+root p, G(s) has fewer poles and zeros, times (s - p)/(s - p): p, and with it the coefficients, may be any number.  If a
+pole and a zero of an estimate nearly cancel, the covariance is valid only near the place where chance has put them.
+Only an unbounded interval then contains the true coefficients with the stated probability.  The response of G(s) at
+excited frequencies, and its other poles, are not affected.
 
-Both A and B are linear in the coefficients theta, so that a root p shared is a linear constraint C theta = c:
+A and B are linear in the coefficients theta, so that a shared root p is a linear constraint C theta = c:
 
 .. math:: F(p) = \frac{1}{q}\, g^T (C P C^T)^{-1} g, \qquad g = [A(p), B(p)]
 
-with P the covariance of theta, and q the number of constraints: two of a real p, four of a complex pair.  The smallest
-F over all p says how surely no root is shared.
+with P the covariance of theta, and q the number of constraints: two for a real p, four for a complex pair.  The
+smallest F over all p tests the hypothesis that a root is shared.
 
 Source: Dufour (1997), "Some impossibility theorems in econometrics with applications to structural and dynamic models",
 Econometrica 65; Staiger and Stock (1997), "Instrumental variables regression with weak instruments", Econometrica 65.
@@ -34,26 +34,26 @@ from replant.numerics.linear_algebra import quiet, roots
 
 ComplexArray = npt.NDArray[np.complex128]
 
-# the rule of Staiger and Stock for weak instruments; of 600 fits with one or two poles and zeros too many it was
-# exceeded by none; of 992 estimates of random plants 131 had a coefficient over three standard deviations off, 103 of
-# them among the 156 below it
-WEAK = 10.0  # smallest F up to which first-order intervals are not valid: a root may be shared [ratio of variances]
+# the rule of Staiger and Stock for weak instruments; none of 600 fits with one or two surplus poles and zeros exceeded
+# it; of 992 estimates of random plants 131 had a coefficient beyond three standard deviations, of which 103 were among
+# the 156 below it
+WEAK = 10.0  # smallest F up to which a root may be shared, so first-order intervals are invalid [ratio of variances]
 
-UNKNOWN = 2.0  # distance from zero within which a coefficient has no size: its 95 % interval [standard deviations]
+UNKNOWN = 2.0  # distance from zero up to which a coefficient may be zero: 95 % interval [standard deviations]
 
-# so far away it is slower than any record, or faster than its sampling
-REACH = 1e3  # how far a real root is looked for beyond the slowest and the fastest pole [ratio of magnitudes]
+# such a pole is slower than any record, or faster than its sampling
+REACH = 1e3  # range of the real roots tested, beyond the slowest and the fastest pole [ratio of magnitudes]
 
 # 17 a decade over the eight decades of plants whose poles span two; F changes over a factor of about two
-REAL = 200  # real roots looked at, of each sign, evenly spaced in the logarithm [count]
+REAL = 200  # real roots tested of each sign, evenly spaced in the logarithm [count]
 
-# F changes along the way as the square of the distance
-STEPS = 10  # steps from a pole to a zero, at each of which a root is looked for [count]
+# F changes with the square of the distance
+STEPS = 10  # steps from a pole to a zero, at each of which a root is tested [count]
 
-NEAR = 3  # zeros to which one goes from each pole, the nearest ones, as these cancel it [count]
+NEAR = 3  # nearest zeros tested with each pole, as these cancel it [count]
 
 # 4e5 times the precision of float64
-ROUNDING = 1e-10  # eigenvalue of the constraints' correlations below which rounding decides [ratio]
+ROUNDING = 1e-10  # floor of an eigenvalue of the constraints' correlations, for rounding [ratio]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class UncertainMode:
 
     mode: Mode
     covariance: FloatArray  # (2, 2): of the pole's real and imaginary part, in (rad/s)^2
-    # in Hz, without unit, and in s; infinite where the figure itself is infinite
+    # in Hz, without unit, and in s; infinite if the figure itself is infinite
     frequency_std: float
     damping_std: float
     time_constant_std: float
@@ -70,19 +70,19 @@ class UncertainMode:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Uncertainty:
-    r"""The uncertainty of an estimate and of the figures that follow from it, to first order (delta method).
+    r"""The uncertainty of an estimate and of the figures computed from it, to first order (delta method).
 
     A figure :math:`f(\theta)` has the variance :math:`J C J^T` with :math:`J = \partial f / \partial \theta`.  This
-    holds if the figure is nearly linear over a few standard deviations.  It does not hold of a coefficient where a pole
-    and a zero may cancel, or where a pole may be infinitely fast: its standard deviation, and that of the pole, is then
-    infinite, see `replant.model.uncertainty`.
+    holds if the figure is nearly linear over a few standard deviations.  If a pole and a zero may cancel, or a pole may
+    be infinitely fast, the standard deviations of all coefficients and of that pole are infinite, see
+    `replant.model.uncertainty`.
 
     Parameters
     ----------
     structure : Structure
     parameters : (P,) array
     covariance : (P, P) array
-        In the units of the parameters, squared; NaN where it is not known yet.
+        In the units of the parameters, squared; NaN while unknown.
 
     References
     ----------
@@ -110,15 +110,15 @@ class Uncertainty:
 
     @cached_property
     def cancelled_pole(self) -> complex | None:
-        """The pole that a zero may cancel, of a pair that above the real axis; None where there is none."""
+        """The pole that a zero may cancel, or None; of a complex pair, the one above the real axis."""
         return cancelled_pole(self.structure, self.parameters, self.covariance)
 
     @cached_property
     @quiet
     def untold_pole(self) -> complex | None:
-        """The fastest pole where no coefficient is known, of a pair that above the real axis; else None.
+        """The fastest pole if every coefficient may be zero, else None; of a complex pair, the one above the real axis.
 
-        It may then be infinitely fast: every coefficient of A and B holds its product with the others.
+        Such a pole may be infinitely fast: it is a factor of every coefficient of A and B.
 
         >>> Uncertainty(Structure(2), np.array([3.0, 2.0, 1.0]), np.diag([3.0, 2.0, 1.0]) ** 2).untold_pole
         (-2+0j)
@@ -138,7 +138,7 @@ class Uncertainty:
     @property
     @quiet
     def std(self) -> FloatArray:
-        """Standard deviation of each parameter, (P,); infinite where the samples do not tell a pole."""
+        """Standard deviation of each parameter, (P,); infinite if the samples do not determine a pole."""
         if self.cancelled_pole is not None or self.untold_pole is not None:
             return np.full(self.structure.size, math.inf)
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0) + 0.0 * np.diag(self.covariance)))
@@ -147,7 +147,7 @@ class Uncertainty:
     def modes(self) -> tuple[UncertainMode, ...]:
         """The poles of `TransferFunction.modes`, in the same order, with their standard deviations.
 
-        Those of a pole that the samples do not tell are infinite.
+        They are infinite for a pole that the samples do not determine.
         """
         found, cancelled = self.first_order_modes, self.cancelled_pole
         untold = self.untold_pole if cancelled is None else cancelled
@@ -159,7 +159,7 @@ class Uncertainty:
     @property
     @quiet
     def first_order_modes(self) -> tuple[UncertainMode, ...]:
-        """The same as the covariance has them, also of a pole that a zero may cancel."""
+        """The same by the covariance alone, also for a pole that a zero may cancel."""
         return tuple(self._uncertain_mode(mode) for mode in self._model.modes)
 
     @property
@@ -172,7 +172,7 @@ class Uncertainty:
 
     @quiet
     def response(self, frequency: Sequence[float] | FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the standard deviations of ln abs G, which is relative, and of the phase in rad.
+        """Return the standard deviations of ln abs G, which are relative ones of abs G, and of the phase in rad.
 
         Parameters
         ----------
@@ -258,7 +258,7 @@ def _std(slope: FloatArray, covariance: FloatArray) -> float:
 
 @quiet
 def cancelled_pole(structure: Structure, parameters: FloatArray, covariance: FloatArray) -> complex | None:
-    """Return the pole that a zero may cancel: nearest to the root that A and B most likely share; None without one."""
+    """Return the pole nearest to the root that A and B most likely share; None if they share none."""
     size = structure.coefficients
     known = covariance[:size, :size]
     if structure.zeros == 0 or not np.isfinite(known).all() or not np.isfinite(parameters[:size]).all():
@@ -268,7 +268,7 @@ def cancelled_pole(structure: Structure, parameters: FloatArray, covariance: Flo
     poles, zeros = roots(a), roots(b)
     best, least = None, WEAK
     pairs = [_between(poles[poles.imag > 0.0], zeros[zeros.imag > 0.0])] if structure.zeros > 1 else []
-    for candidates in (_real(poles, zeros), *pairs):  # one zero cancels no pair
+    for candidates in (_real(poles, zeros), *pairs):  # a single zero cannot cancel a pair
         found = _statistics(candidates, a, b, known)
         if found.min(initial=np.inf) < least:
             best, least = complex(candidates[found.argmin()]), float(found.min())
@@ -278,12 +278,12 @@ def cancelled_pole(structure: Structure, parameters: FloatArray, covariance: Flo
 
 
 def _upper(pole: complex) -> complex:
-    """Return a pole, of a pair that above the real axis."""
+    """Return a pole, or its conjugate above the real axis."""
     return complex(pole.real, abs(pole.imag))
 
 
 def _real(poles: ComplexArray, zeros: ComplexArray) -> ComplexArray:
-    """Return the real roots to look at: a grid, and those between each real pole and its nearest real zeros."""
+    """Return the real roots to test: a grid, and points between each real pole and its nearest real zeros."""
     fastest = float(np.abs(poles).max())
     slowest = max(float(np.abs(poles).min()), fastest / REACH)
     grid = np.geomspace(slowest / REACH, fastest * REACH, REAL) if fastest > 0.0 else np.zeros(0)
@@ -292,7 +292,7 @@ def _real(poles: ComplexArray, zeros: ComplexArray) -> ComplexArray:
 
 
 def _between(poles: ComplexArray, zeros: ComplexArray) -> ComplexArray:
-    """Return poles, zeros, and the points on the way from each pole to its nearest zeros."""
+    """Return poles, zeros, and points between each pole and its nearest zeros."""
     way, found = np.linspace(0.0, 1.0, STEPS + 1), [poles, zeros]
     for pole in poles:
         nearest = zeros[np.argsort(np.abs(zeros - pole))[:NEAR]]
@@ -301,7 +301,7 @@ def _between(poles: ComplexArray, zeros: ComplexArray) -> ComplexArray:
 
 
 def _statistics(candidates: ComplexArray, a: FloatArray, b: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return F at each of several roots (R,), all real or all complex; infinite where the covariance is singular."""
+    """Return F at each of several roots (R,), all real or all complex; infinite if the covariance is singular."""
     n = a.size - 1
     powers = np.vander(candidates, n + 1)
     rows = np.zeros((candidates.size, 2, covariance.shape[0]), np.complex128)

@@ -1,4 +1,4 @@
-"""Checks of arguments: each returns the value in the type that the code works with, or raises."""
+"""Checks of arguments: each returns the value in the type that the code uses, or raises."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ IntArray = npt.NDArray[np.int64]
 
 def keep(instance: object, name: str, check: Callable[..., Any], *limits: Any, called: str = "", **how: Any) -> None:
     """Check a field of a frozen object, and replace it by the value that the check returns."""
-    # not the value that the caller passed: a narrow integer would wrap in arithmetic, an array could be changed later
+    # the caller's value is not kept: a narrow integer would overflow in arithmetic, an array could be changed later
     object.__setattr__(instance, name, check(called or name, getattr(instance, name), *limits, **how))
 
 
 def number(name: str, value: Any) -> float:
-    """Return ``value`` as a float; ``name`` is its name in messages, here and in all checks below."""
+    """Return ``value`` as a float; here and in all checks below, ``name`` is its name in messages."""
     not_a_number = isinstance(value, str | bytes | complex | np.ma.MaskedArray)
     of_numpy = isinstance(value, np.ndarray | np.generic)
     if not_a_number or (of_numpy and (value.ndim > 0 or value.dtype.kind not in "fiub")):
@@ -77,7 +77,7 @@ def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
     if isinstance(value, bool | np.ma.MaskedArray) or (isinstance(value, np.ndarray) and value.ndim > 0):
         raise ArgumentTypeError(f"{name} must be a whole number, got {_describe(value)}")
     try:
-        result = int(operator.index(value))  # of a subclass of int, index returns the object itself
+        result = int(operator.index(value))  # index returns an instance of a subclass of int unchanged
     except TypeError as cause:
         raise ArgumentTypeError(f"{name} must be a whole number, got {_describe(value)}") from cause
     if result < least:
@@ -89,7 +89,7 @@ def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
 
 def is_frame(value: Any) -> bool:
     """Return whether a value is a table with named columns."""
-    # a lazy table of polars warns of the work where it is asked for its columns
+    # a lazy table of polars warns when its columns are read
     has_columns = hasattr(value, "collect") or hasattr(value, "columns")
     return has_columns and hasattr(value, "__getitem__") and not isinstance(value, np.ndarray)
 
@@ -130,7 +130,7 @@ def instance(name: str, value: Any, *kinds: Any) -> Any:
 
 
 def array_of_reals(name: str, value: Any) -> FloatArray:
-    """Return ``value`` as a contiguous float64 array of its own shape; entries that are masked are NaN."""
+    """Return ``value`` as a contiguous float64 array of the same shape; masked entries are NaN."""
     try:
         array = np.asarray(value)
     except (ValueError, TypeError, OverflowError) as cause:
@@ -138,7 +138,7 @@ def array_of_reals(name: str, value: Any) -> FloatArray:
     if array.dtype.kind not in "fiub":
         got = _describe(value) if is_frame(value) else f"dtype {array.dtype}"
         raise ArgumentTypeError(f"{name} must hold real numbers, got {got}")
-    with np.errstate(over="ignore"):  # of a wider type: infinite
+    with np.errstate(over="ignore"):  # a number of a wider type may become infinite
         reals = np.asarray(array, np.float64, order="C")
     if isinstance(value, np.ma.MaskedArray):
         return np.where(np.ma.getmaskarray(value), np.nan, reals)
@@ -195,7 +195,7 @@ def owned(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
 
 
 def iterable(value: Any) -> bool:
-    """Return whether a value stands for several: text and a 0-d array have the method, but stand for themselves."""
+    """Return whether a value holds several values; text and a 0-d array are iterable, but single values."""
     return isinstance(value, Iterable) and not isinstance(value, str | bytes) and getattr(value, "ndim", 1) != 0
 
 

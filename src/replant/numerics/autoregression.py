@@ -1,8 +1,8 @@
-"""Autoregression: the model D(q) e = w that whitens a residual; and the regular grid that samples lie on.
+"""Autoregression: the model D(q) e = w that whitens a residual; and the regular grid of samples.
 
-Models of every order up to `LAGS` are found by least squares on sums of products e_{k-i} e_{k-j} over the samples whose
-predecessors are all known, see `replant.kernels.filters.autoregressions`.  The Bayesian information criterion chooses:
-white noise keeps order 0 and is left as it is.
+Models of every order up to `LAGS` are fitted by least squares to sums of products e_{k-i} e_{k-j} over the samples
+whose predecessors are all known, see `replant.kernels.filters.autoregressions`.  The Bayesian information criterion
+chooses the order; white noise gets order 0 and is not filtered.
 
 Sources: Ljung (1999), "System Identification: Theory for the User", section 16.6; Soderstrom and Stoica (1989), "System
 Identification", section 11.2.
@@ -21,18 +21,18 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.linear_algebra import chi2_quantile, inner, quiet, roots, sum_of_squares
 
 WHITENESS_LAGS = 25
-"""Lags of the portmanteau statistic [samples].
+"""Number of lags of the portmanteau statistic [samples].
 Origin: a usual number for records of hundreds to thousands of samples.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
-WHITENESS_LEVEL = 0.99  # of the portmanteau statistic's limit [probability]
-# four for each number that a model of the largest order has
-LEAST = 4 * (LAGS + 1)  # samples with known predecessors below which a residual is taken to be white [samples]
+WHITENESS_LEVEL = 0.99  # level of the portmanteau statistic's limit [probability]
+# four for each parameter of a model of the largest order
+LEAST = 4 * (LAGS + 1)  # samples with known predecessors below which a residual is assumed to be white [samples]
 
 
 def duration_of(coefficients: FloatArray) -> float:
-    """Return after how many samples the noise 1/D (p + 1,) is another one: twice those in which it decays e-fold.
+    """Return after how many samples the noise 1/D (p + 1,) is nearly independent: twice its e-fold decay time.
 
     >>> duration_of(np.array([1.0])), round(duration_of(np.array([1.0, -0.9])))
     (1.0, 19)
@@ -71,7 +71,7 @@ class Autoregression:
 
     @classmethod
     def of_sums(cls, sums: FloatArray, count: float) -> Autoregression:
-        """Return the model with these sums of e_{k-i} e_{k-j}, (LAGS + 1, LAGS + 1), over ``count`` samples."""
+        """Return the model for sums of e_{k-i} e_{k-j}, (LAGS + 1, LAGS + 1), over ``count`` samples."""
         from replant.kernels.filters.autoregressions import nested_models
 
         size = LAGS + 1
@@ -82,7 +82,7 @@ class Autoregression:
 
     @classmethod
     def of_covariances(cls, covariances: FloatArray) -> Autoregression:
-        """Return the model of order LAGS of sums (LAGS + 1,) of e_k e_{k-lag}, by Levinson; poor of a smooth one."""
+        """Return the model of order LAGS from sums (LAGS + 1,) of e_k e_{k-lag}, by Levinson; poor for a smooth e."""
         from replant.kernels.monitoring import scatter
 
         size = covariances.size
@@ -93,14 +93,14 @@ class Autoregression:
 
     @classmethod
     def of_residual(cls, error: FloatArray, known: IntArray, samples: int) -> Autoregression:
-        """Return the model of a residual (K,) of so many samples; white where too few have ``known`` predecessors."""
+        """Return the model of a residual (K,); white if too few samples have ``known`` predecessors."""
         return cls.of_stretches([error], [known], samples)
 
     @classmethod
     def of_stretches(cls, errors: Sequence[FloatArray], known: Sequence[IntArray], samples: int) -> Autoregression:
-        """Return the same of the residuals (K,) of several stretches, one model for all."""
-        told = [sums_of(*each) for each in zip(errors, known, strict=True)]
-        sums, count = np.asarray(sum(each for each, _ in told)), sum(number for _, number in told)
+        """Return one model of the residuals (K,) of several stretches, which have ``samples`` samples together."""
+        found = [sums_of(*each) for each in zip(errors, known, strict=True)]
+        sums, count = np.asarray(sum(each for each, _ in found)), sum(number for _, number in found)
         if count >= LEAST and np.isfinite(sums).all():
             return cls.of_sums(sums, count)
         return cls.white(float(sum(sum_of_squares(error) for error in errors)), samples)
@@ -113,21 +113,21 @@ class Autoregression:
         return cls(np.ones(1), power, models, np.full(LAGS + 1, power), np.zeros_like(models), float(count))
 
     def ahead(self, signals: FloatArray) -> FloatArray:
-        """Return D(q) x of ``signals`` (K, ...) along the first axis, zeros before the first sample."""
+        """Return D(q) x of ``signals`` (K, ...) along the first axis, with zeros before the first sample."""
         result = signals.copy()
         for lag in range(1, self.order + 1):
             result[lag:] += self.coefficients[lag] * signals[:-lag]
         return result
 
     def whiten(self, signals: FloatArray) -> FloatArray:
-        """Return the same from the first sample with p predecessors on."""
+        """Return D(q) x of ``signals`` from the first sample with p predecessors on."""
         return self.ahead(signals)[self.order :]
 
     def whiten_known(self, signals: FloatArray, known: IntArray) -> FloatArray:
-        """Return D(q) x of ``signals`` (K, ...) along the first axis, of as many predecessors as are known: (K, ...).
+        """Return ``signals`` (K, ...), whitened along the first axis with as many predecessors as are known.
 
-        With j < p known ones by the best model of order j, whose residual has the larger variance V_j, weighted by the
-        root of V_p / V_j: the likelihood of an autoregression with a missing past.
+        A sample with j < p known ones is whitened by the best model of order j, whose residual has the larger variance
+        V_j, and weighted by the root of V_p / V_j: the likelihood of an autoregression with a missing past.
         """
         from replant.kernels.filters import autoregressions
 
@@ -146,10 +146,10 @@ class Autoregression:
         return np.append(np.sqrt(self.powers[self.order] / self.powers[: self.order]), 1.0)
 
     def without_unknown(self, white: FloatArray, known: IntArray, missing: IntArray) -> FloatArray:
-        """Return what `whiten_known` gives (K, ...) of signals that at ``missing`` samples are what makes it least.
+        """Return the result of `whiten_known` (K, ...) for the values at ``missing`` samples that minimise it.
 
         An impulse x at a missing sample m adds d_i x to sample m + i.  With these columns E the normal equations
-        E'E x = -E'w are a band of width p, and what is left has the likelihood of the samples that are known.
+        E'E x = -E'w have bandwidth p, and the remainder has the likelihood of the known samples.
         """
         from scipy.linalg import solveh_banded  # slow to import
 
@@ -160,33 +160,33 @@ class Autoregression:
         lags = np.arange(p + 1)
         impulses = np.where(there & (orders >= lags), self.models[orders, lags] * self._weights[orders], 0.0)
         left = white.reshape(len(white), -1).copy()
-        told = np.zeros((missing.size, left.shape[1]))
+        right = np.zeros((missing.size, left.shape[1]))
         for lag in lags:
-            told += impulses[:, lag, None] * left[rows[:, lag]]
-        band = np.zeros((p + 2, missing.size))  # three rows at least: SciPy's routine for two fails at one sample
+            right += impulses[:, lag, None] * left[rows[:, lag]]
+        band = np.zeros((p + 2, missing.size))  # at least three rows: SciPy's routine for two fails with one sample
         for j in range(min(p + 1, missing.size)):
             early, late = impulses[: missing.size - j], impulses[j:]
-            places = (missing[j:] - missing[: missing.size - j])[:, None] + lags  # of the late ones' rows in the early
+            places = (missing[j:] - missing[: missing.size - j])[:, None] + lags  # lags of the late rows in the early
             shared = np.take_along_axis(early, np.minimum(places, p), axis=1)
             band[j, : missing.size - j] = np.sum(np.where(places <= p, shared, 0.0) * late, axis=1)
         try:
-            amounts = solveh_banded(band, told, lower=True, check_finite=False)
-        except np.linalg.LinAlgError:  # weights have left float64
+            amounts = solveh_banded(band, right, lower=True, check_finite=False)
+        except np.linalg.LinAlgError:  # weights have overflowed
             return np.full_like(white, np.nan)
         for lag in lags:  # no two impulses meet at the same lag
             left[rows[:, lag]] -= impulses[:, lag, None] * amounts
         return left.reshape(white.shape)
 
     def whiten_whole(self, signals: FloatArray, known: IntArray, used: BoolArray) -> tuple[FloatArray, BoolArray]:
-        """Return D(q) x of ``signals`` (K, ...), 0 but where a sample used has p known predecessors; and where (K,)."""
-        # a shorter past is not independent of the samples before the hole: slow noise puts all of them on one level
+        """Return D(q) x of ``signals`` (K, ...), 0 unless a used sample has p known predecessors; and a mask (K,)."""
+        # samples with a shorter past still depend on those before the hole: slow noise shifts all of them alike
         whole = used & (known >= self.order)
         white = self.ahead(signals)
         white[~whole] = 0.0
         return white, whole
 
     def colour(self, signals: FloatArray) -> FloatArray:
-        """Return x / D(q) of ``signals`` (K, ...) from rest; roots of D outside the unit circle are mirrored."""
+        """Return x / D(q) of ``signals`` (K, ...) from rest; roots of D outside the unit circle are reflected."""
         from replant.kernels.filters.autoregressions import all_pole
 
         model, gain = _mirrored(self.coefficients)
@@ -195,7 +195,7 @@ class Autoregression:
 
 
 def _mirrored(model: FloatArray) -> tuple[FloatArray, float]:
-    """Return a monic polynomial without roots outside the unit circle, and the gain that keeps its magnitude."""
+    """Return a monic polynomial with roots reflected into the unit circle, and the gain that keeps its magnitude."""
     places = roots(model)
     outside = np.abs(places) > 1.0
     if not outside.any():
@@ -205,7 +205,7 @@ def _mirrored(model: FloatArray) -> tuple[FloatArray, float]:
 
 
 def since_break(broken: BoolArray) -> IntArray:
-    """Return how many samples came since the last break before each (K,); 0 where it is one."""
+    """Return the number of samples since the last break for each sample (K,); 0 at a break."""
     index = np.arange(broken.size)
     if not broken[1:].any():
         return index
@@ -213,7 +213,7 @@ def since_break(broken: BoolArray) -> IntArray:
 
 
 def in_a_row(used: BoolArray, broken: BoolArray | bool = False) -> IntArray:
-    """Return how many samples used come right before each one used (K,), without a break; 0 where it is not used.
+    """Return the number of used samples directly before each used one (K,), without a break; 0 if it is not used.
 
     >>> in_a_row(np.array([True, True, False, True, True]))
     array([0, 1, 0, 0, 1])
@@ -223,7 +223,7 @@ def in_a_row(used: BoolArray, broken: BoolArray | bool = False) -> IntArray:
 
 
 def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:
-    """Return the sums (LAGS + 1, LAGS + 1) of e_{k-i} e_{k-j} over samples with LAGS known predecessors; how many."""
+    """Return sums (LAGS + 1, LAGS + 1) of e_{k-i} e_{k-j} over samples with LAGS known predecessors; their number."""
     from replant.kernels.filters import sums
 
     size = LAGS + 1
@@ -234,7 +234,8 @@ def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:
 
 @quiet
 def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
-    """Return K / 2 ln of the power ratio of two whitened residuals (K,); one that leaves float64 is the less likely."""
+    """Return K / 2 ln of the power ratio of two whitened residuals (K,): positive if the first is more likely."""
+    # a residual that is not finite is the less likely one
     held, other_held = bool(np.isfinite(error).all()), bool(np.isfinite(other).all())
     if not (held and other_held):
         return 0.0 if held == other_held else math.inf if held else -math.inf
@@ -246,13 +247,13 @@ def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
 
 @quiet
 def one_step(residual: FloatArray) -> FloatArray:
-    """Return the error (K,) of a residual predicted by an autoregression; without a whole past it stays as it is."""
+    """Return the innovations (K,) of a residual; samples without a complete past keep their residual."""
     error = innovations(residual)
     return np.where(np.isfinite(error), error, residual)
 
 
 def innovations(residual: FloatArray, end: int | None = None) -> FloatArray:
-    """Return the error (K,) of a residual predicted by an autoregression of its samples before ``end``, or of all."""
+    """Return the innovations (K,) of a residual, NaN without a complete past; fitted to samples before ``end``."""
     if residual.size <= LAGS:
         return residual
     known = np.isfinite(residual)
@@ -264,13 +265,13 @@ def innovations(residual: FloatArray, end: int | None = None) -> FloatArray:
         whole[end:] = False
     sums, count = sums_of(filled, np.where(whole, LAGS, 0))
     if count < LEAST:
-        return residual  # there is too little for a model
+        return residual  # too few samples for a model
     error = np.convolve(filled, Autoregression.of_sums(sums, count).coefficients)[: filled.size]
     return np.where(usable, error, np.nan)
 
 
 def ahead(coefficients: FloatArray, residual: FloatArray, horizon: int) -> FloatArray:
-    """Return what the residual (K,) is expected to be ``horizon`` samples on: by the companion matrix."""
+    """Return the prediction (K,) of the residual ``horizon`` samples ahead, by the companion matrix."""
     order = coefficients.size - 1
     if order == 0 or horizon >= residual.size:
         return np.zeros(residual.size)
@@ -282,7 +283,7 @@ def ahead(coefficients: FloatArray, residual: FloatArray, horizon: int) -> Float
 
 def whiteness(error: FloatArray, spent: int = 0, level: float = WHITENESS_LEVEL) -> float:
     r"""Return the portmanteau statistic :math:`\sum_\tau N_\tau \hat r_e^2(\tau)` of a residual (K,) over its limit."""
-    # N_tau pairs are known; a model of ``spent`` coefficients that has whitened it takes as many degrees of freedom
+    # N_tau pairs are known; a noise model of ``spent`` coefficients takes as many degrees of freedom
     known = np.isfinite(error)
     error, count = np.where(known, error, 0.0), int(known.sum())
     lags = min(WHITENESS_LAGS, count // 4)
@@ -296,13 +297,13 @@ def whiteness(error: FloatArray, spent: int = 0, level: float = WHITENESS_LEVEL)
 
 
 def places_on_grid(intervals: FloatArray, dt: float) -> IntArray:
-    """Return the place (K,) of each sample on a grid of step ``dt``; of those lost in a row up to LAGS count."""
+    """Return the place (K,) of each sample on a grid of step ``dt``; of samples lost in a row at most LAGS count."""
     lost = np.clip(np.rint(np.minimum(intervals / dt, LAGS + 1.0)) - 1.0, 0.0, LAGS).astype(np.int64)
     return np.asarray(np.arange(intervals.size) + np.cumsum(lost))
 
 
 def one_step_with_lost(residual: FloatArray, t: FloatArray, dt: float) -> FloatArray:
-    """Return what `one_step` does of a residual (K,) on an irregular clock: lost samples are part of no known past."""
+    """Return `one_step` of a residual (K,) on an irregular clock, where lost samples interrupt the known past."""
     places = places_on_grid(np.diff(t, prepend=t[:1] - dt), dt)
     spread = np.full(places[-1] + 1 if places.size else 0, np.nan)
     spread[places] = residual

@@ -1,25 +1,26 @@
-"""Levels: the chance of a false alarm, and what matters; other bounds of tests are derived from the two."""
+"""Levels of tests: the false-alarm probability and the effect that matters; other bounds are derived from these."""
 
 ALPHA = 1e-4
-"""Chance that a test finds something where there is nothing [probability].
-Level: 0.01 %: the verdict is asked for many times in a run.
+"""Probability of a false alarm of a test [probability].
+Level: 0.01 %, as the verdict is computed many times in a run.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
 MATTERS = 0.01
-"""What matters: a tenth of the output's amplitude [part of the output's power].
+"""Least power of an effect that matters: a tenth of the output's amplitude [part of the output's power].
 Origin: a choice of what a user may rely on.
 Sensitivity: not measured.
 """
-# the square of some million times float64's precision
-ROUNDING = 1e-18  # power of the residual below which only rounding is left [part of the output's power]
+# the square of some million times the precision of float64
+ROUNDING = 1e-18  # power of the residual below which it is rounding alone [part of the output's power]
 
 LARGEST_PART = (1.0 / 16.0) ** 2
-"""What an alternative could still explain, up to which a model is trusted with a caveat: a sixteenth of the output's
-amplitude. With its doubt added it must stay below it [part of the output's power].
-Origin: real plants are never quite linear, nor of finite order; an unknown dead time of half a time constant, which
-moves the coefficients of three poles by a half, leaves .67 %.
-Sensitivity: at 1 %, of 417 verdicts on right models of field records three more are "trusted", and that one.
+"""Largest power that an alternative model could still explain, its uncertainty included, of a model trusted with a
+caveat: a sixteenth of the output's amplitude [part of the output's power].
+Origin: real plants are never exactly linear or of finite order; an unknown dead time of half a time constant, which
+moves the coefficients of three poles by a half, leaves .67 % unexplained.
+Sensitivity: at 1 %, three more of 417 verdicts on right models of field records are "trusted", and so is the model with
+the unknown dead time.
 """
 
-NEGLIGIBLE = 0.01 * MATTERS  # what could still be explained that is not worth a word [part of the output's power]
+NEGLIGIBLE = 0.01 * MATTERS  # power still unexplained that is not worth mentioning [part of the output's power]

@@ -1,4 +1,4 @@
-"""Limits of arguments: times, counts that must fit into memory, grids, paths; as `arguments` checks types."""
+"""Checks of the limits of arguments: times, counts that must fit into memory, grids, paths."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import numpy as np
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.numerics.arguments import FloatArray, iterable, not_negative, positive, vector, whole
 
-MOST_TRIED = 1000  # values of a grid, each of which is tried [count]
+MOST_TRIED = 1000  # most values of a grid, as each is tried [count]
 
-# the coefficients of ten poles as fast as the sampling are as large as dt^-10, which float64 holds; so it holds the
-# number of samples within any time
-SHORTEST, LONGEST = 1e-30, 1e30  # shortest and longest time that is one [s]
+# ten poles as fast as the sampling have coefficients of the size dt^-10, which float64 holds; it also holds the number
+# of samples within the longest time
+SHORTEST, LONGEST = 1e-30, 1e30  # shortest and longest time accepted [s]
 
 
 def duration(name: str, value: Any) -> float:
-    """Return ``value`` as a float, a time in s that is neither as short nor as long as no time of a plant is."""
+    """Return ``value`` as a float: a time in s between `SHORTEST` and `LONGEST`."""
     result = positive(name, value)
     if not SHORTEST <= result <= LONGEST:
         raise InvalidArgumentError(f"{name} must lie between {SHORTEST:g} and {LONGEST:g} s, got {result:g} s")
@@ -27,7 +27,7 @@ def duration(name: str, value: Any) -> float:
 
 
 def dead_time(name: str, value: Any) -> float:
-    """Return ``value`` as a float, a dead time in s: zero, or as `duration`."""
+    """Return ``value`` as a float: a dead time in s, which is zero or a `duration`."""
     result = not_negative(name, value)
     return duration(name, result) if result else 0.0
 
@@ -54,14 +54,14 @@ def increasing(t: Any, samples: int) -> FloatArray:
 
 
 def count(name: str, value: Any, least: int, numbers: int = 1) -> int:
-    """Return ``value`` as an int, a number of things for which the system has memory."""
+    """Return ``value`` as an int: a number of items, each of so many ``numbers``, that fits into memory."""
     result = whole(name, value, least)
     granted(f"{name} must be smaller: {shown(result)} need", result * numbers)
     return result
 
 
 def granted(what: str, numbers: int) -> None:
-    """Raise InvalidArgumentError where the system, asked for it, does not grant memory of so many float64."""
+    """Raise InvalidArgumentError if the system does not grant memory for so many float64."""
     try:
         if numbers:
             np.empty(numbers)
@@ -71,7 +71,7 @@ def granted(what: str, numbers: int) -> None:
 
 
 def several(name: str, values: Any, check: Callable[[str, Any], Any]) -> tuple[Any, ...]:
-    """Return the values of an iterable, each checked; a single one stands for itself."""
+    """Return the values of an iterable, or a single value, as a tuple; each is checked."""
     if not iterable(values):
         return (check(name, values),)
     taken = tuple(itertools.islice(values, MOST_TRIED + 1))
@@ -91,7 +91,7 @@ def file_path(name: str, value: Any) -> str:
 
 
 def typed_path(path: Any) -> str:
-    """Return a path as a command takes it: one that begins with a dash would be an option there.
+    """Return a path as an argument of a command: one that begins with a dash would be read as an option.
 
     >>> typed_path("-3.csv"), typed_path("3.csv"), typed_path("-")  # the last one is standard input
     ('./-3.csv', '3.csv', '-')

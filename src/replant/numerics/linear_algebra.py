@@ -1,10 +1,10 @@
 """Linear algebra that neither raises nor warns, U-D factors of a covariance, quantiles of chi-square.
 
-A record may be constant, of size 1e300, or explained by half of the poles asked for.  Its matrices are then singular,
-its sums leave float64, or an iteration does not converge.  The caller takes this as "no model".
+A record may be constant, of size 1e300, or explained by half of the requested poles.  Then its matrices are singular,
+its sums overflow, or an iteration does not converge.  The caller takes this as "no model".
 
-Sums over samples are formed in blocks that are too small for BLAS to start threads: on a busy machine these wait for
-each other a thousand times longer than the work takes.
+Sums over samples are formed in blocks too small for BLAS to start threads: on a busy machine threads wait for each
+other a thousand times longer than the work takes.
 
 Source: Bierman (1977), "Factorization Methods for Discrete Sequential Estimation", chapter 3.
 """
@@ -21,12 +21,12 @@ import numpy.typing as npt
 
 from replant.numerics.arguments import FloatArray, IntArray
 
-SMALL = 1 << 17  # multiplications that stay in one thread [count]
-SMALL_VECTOR = 1 << 13  # the same of a matrix by a vector, and of two vectors [count]
-ROWS = 1 << 11  # samples that are factored at once: as many of a few columns stay in one thread [samples]
+SMALL = 1 << 17  # most multiplications of a matrix product in one thread [count]
+SMALL_VECTOR = 1 << 13  # the same for a matrix and a vector, and for two vectors [count]
+ROWS = 1 << 11  # samples factored at once: so many of a few columns stay in one thread [samples]
 
 # 4 MB: the signals of a search in 30,000 samples with models of four poles
-KEPT = 1 << 19  # numbers of an array up to which its memory is kept [count]
+KEPT = 1 << 19  # size of an array up to which its memory is kept [numbers]
 
 NO_EDGES = np.zeros(0, np.int64)
 
@@ -39,7 +39,7 @@ quiet = np.errstate(over="ignore", divide="ignore", invalid="ignore")
 
 
 def sums_of_products(columns: FloatArray, edges: IntArray = NO_EDGES) -> FloatArray:
-    """Return X' X (E + 1, P, P) of the rows X of columns (K, P) before, between and behind E ascending edges."""
+    """Return X' X (E + 1, P, P) of the rows X of columns (K, P) before, between and after E ascending edges."""
     from replant.kernels.filters import sums
 
     size = columns.shape[1]
@@ -71,7 +71,7 @@ def combined(columns: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def _rows(one: int, other: int) -> int:
-    """Return how many rows stay in one thread, of a product with so many columns."""
+    """Return how many rows of a product with so many columns stay in one thread."""
     return max((SMALL if min(one, other) > 1 else SMALL_VECTOR) // max(one * other, 1), 1)
 
 
@@ -87,14 +87,14 @@ def sum_of_squares(signal: FloatArray) -> float:
 
 @quiet
 def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
-    """Return the roots of a polynomial in descending powers; NaN where they leave float64."""
+    """Return the roots of a polynomial in descending powers; NaN if they overflow."""
     try:
         if polynomial.size < 2 or polynomial[0] == 0.0 or polynomial[-1] == 0.0:
             return np.roots(polynomial).astype(np.complex128)
         if polynomial.size == 2:
             root = -polynomial[1] / polynomial[0]
             return np.array([root if np.isfinite(root) else complex(np.nan, np.nan)], np.complex128)
-        companion = np.eye(polynomial.size - 1, k=-1)  # as there, but for its search for zeros at both ends
+        companion = np.eye(polynomial.size - 1, k=-1)  # as np.roots, without its search for zeros at both ends
         companion[0] = -polynomial[1:] / polynomial[0]
         return np.linalg.eigvals(companion).astype(np.complex128)
     except np.linalg.LinAlgError:
@@ -103,14 +103,14 @@ def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
 
 @quiet
 def real_coefficients(denominator: FloatArray, least: float) -> FloatArray:
-    """Return the coefficients (n,) of prod(s + abs(pole)): the size of a denominator's if all poles were real."""
+    """Return the coefficients (n,) of prod(s + abs(pole)): a scale for those of the denominator."""
     magnitudes = np.abs(roots(np.concatenate([[1.0], denominator])))
     return np.asarray(np.poly(-np.maximum(magnitudes, least))[1:])
 
 
 @quiet
 def eigenvalues(symmetric: FloatArray) -> FloatArray:
-    """Return the eigenvalues (T,) of a symmetric matrix (T, T), ascending; NaN where the matrix is not finite."""
+    """Return the eigenvalues (T,) of a symmetric matrix (T, T), ascending; NaN if the matrix is not finite."""
     if not np.isfinite(symmetric).all():
         return np.full(len(symmetric), np.nan)
     try:
@@ -121,7 +121,7 @@ def eigenvalues(symmetric: FloatArray) -> FloatArray:
 
 @quiet
 def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
-    """Return the solution (T,), rows and columns equilibrated; None where singular, or anything is not finite."""
+    """Return the solution (T,), after equilibration of rows and columns; None if singular or not finite."""
     size = _units(matrix)
     scaled = matrix / np.outer(size, size)
     if not (np.isfinite(scaled).all() and np.isfinite(right).all()):
@@ -136,7 +136,7 @@ def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
 
 @quiet
 def least_norm(columns: FloatArray, target: FloatArray, tolerance: float) -> tuple[FloatArray, int, FloatArray]:
-    """Return the least-squares solution of least norm (P,), rank and singular values; zeros if none."""
+    """Return the least-squares solution of least norm (P,), rank and singular values; zeros if there is none."""
     nothing = np.zeros(columns.shape[1]), 0, np.zeros(0)
     if not (np.isfinite(columns).all() and np.isfinite(target).all()):
         return nothing
@@ -150,7 +150,7 @@ def least_norm(columns: FloatArray, target: FloatArray, tolerance: float) -> tup
 
 
 def _folded(columns: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return fewer equations of the same least-squares solution: the triangles of blocks of rows, under each other."""
+    """Return fewer equations with the same least-squares solution: the stacked triangles of blocks of rows."""
     while len(columns) > max(ROWS, 4 * (columns.shape[1] + 1)):
         both = np.column_stack([columns, target])
         both = np.concatenate([np.linalg.qr(both[k : k + ROWS], mode="r") for k in range(0, len(both), ROWS)])
@@ -160,7 +160,7 @@ def _folded(columns: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatA
 
 @quiet
 def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
-    """Return the pseudo-inverse of a symmetric matrix (T, T); NaN where it is not finite."""
+    """Return the pseudo-inverse of a symmetric matrix (T, T); NaN if it is not finite."""
     if np.isfinite(symmetric).all():
         try:
             return np.asarray(np.linalg.pinv(symmetric, rcond=tolerance, hermitian=True))
@@ -171,7 +171,7 @@ def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
 
 @quiet
 def inverse_of(matrix: FloatArray) -> FloatArray:
-    """Return the inverse of a square matrix (T, T) whose rows and columns have units of their own; NaN if singular."""
+    """Return the inverse of a square matrix (T, T), after equilibration of rows and columns; NaN if singular."""
     scales = np.outer(_units(matrix), _units(matrix))
     try:
         return np.asarray(np.linalg.inv(matrix / scales) / scales)
@@ -180,20 +180,20 @@ def inverse_of(matrix: FloatArray) -> FloatArray:
 
 
 def _units(matrices: FloatArray) -> FloatArray:
-    """Return the roots (..., T) of the diagonals' sizes, which make rows and columns comparable; 1 for zero."""
+    """Return the square roots (..., T) of the absolute diagonals, as units of rows and columns; 1 for zero."""
     units = np.sqrt(np.abs(np.diagonal(matrices, axis1=-2, axis2=-1)))
     return np.where(units > 0.0, units, 1.0)
 
 
-LEAST_PIVOT = 1e-13  # floor of a pivot of the equilibrated information: a hundred roundings [part of the diagonal]
+LEAST_PIVOT = 1e-13  # floor of a pivot of the equilibrated information: some hundred roundings [part of the diagonal]
 
 
 @quiet
 def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return U (..., T, T), unit upper triangular, and D (..., T) with U D U' = information^-1; not finite as that is.
+    """Return U (..., T, T), unit upper triangular, and D (..., T) with U D U' = information^-1.
 
-    Equilibrated, so that the units of the parameters do not matter.  A direction that the data do not determine has a
-    large, finite variance.
+    The matrix is equilibrated, so that the units of the parameters do not matter.  A direction that the data do not
+    determine gets a large, finite variance.  The result is not finite if the information is not.
     """
     scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 0.0))
     scale[~(scale > 0.0)] = 1.0
@@ -208,8 +208,8 @@ def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]
 def _cholesky(rest: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return L (..., T, T), unit lower triangular, and D (..., T) with L D L' = an equilibrated matrix, overwritten.
 
-    Where a direction is not determined, its pivot is rounding error: the pivot is floored, and the entries below it,
-    rounding errors as well, are taken as zero.
+    The pivot of an undetermined direction is rounding error: it is floored, and the entries below it, also rounding
+    errors, are set to zero.
     """
     size = rest.shape[-1]
     lower, pivots = np.zeros_like(rest), np.empty(rest.shape[:-1])
@@ -223,7 +223,7 @@ def _cholesky(rest: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _inverse(lower: FloatArray) -> FloatArray:
-    """Return the inverses of unit lower triangular matrices (..., T, T), by forward substitution, which succeeds."""
+    """Return the inverses of unit lower triangular matrices (..., T, T) by forward substitution."""
     inverse = np.zeros_like(lower)
     for i in range(lower.shape[-1]):
         inverse[..., i, i] = 1.0
@@ -249,7 +249,7 @@ def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @quiet
 def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
-    """Return a coloured covariance with at least the variances under white noise; the white one where one is zero."""
+    """Return a coloured covariance with at least the variances under white noise; the white one if one vanishes."""
     if not (np.diag(coloured) > np.finfo(float).eps * np.diag(white)).all():
         return white
     stretch = np.sqrt(np.maximum(np.diag(white) / np.diag(coloured), 1.0))
@@ -257,14 +257,14 @@ def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
 
 
 def without_rounding(covariance: FloatArray) -> FloatArray:
-    """Return a covariance without what rounding has made of it: symmetric, and no correlation beyond one."""
+    """Return a covariance freed from rounding errors: symmetric, with no correlation beyond one."""
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     bound = np.outer(spread, spread)
     return np.asarray(np.clip(0.5 * (covariance + covariance.T), -bound, bound))
 
 
 def chi2_quantile(probability: float, degrees: int) -> float:
-    r"""Return x with :math:`P(\nu / 2, x / 2) = p`, what a chi-square variable exceeds with 1 - ``probability``."""
+    r"""Return the quantile x of chi-square, :math:`P(\nu / 2, x / 2) = p`, at this ``probability`` p."""
     from scipy.special import gammaincinv
 
     return 2.0 * float(gammaincinv(degrees / 2.0, probability))
@@ -272,9 +272,9 @@ def chi2_quantile(probability: float, degrees: int) -> float:
 
 @contextmanager
 def borrowed(rows: int, columns: int) -> Iterator[FloatArray]:
-    """Lend an array (rows, columns) of any content; a call within, as of a signal handler, is lent another one."""
-    # the system gives new memory page by page, and clears each: for a search in 30,000 samples that takes as long as
-    # the search itself, so that each thread keeps its own
+    """Lend an array (rows, columns) of any content; a nested call, as in a signal handler, gets another one."""
+    # the system clears new memory page by page: in a search in 30,000 samples this takes as long as the search itself,
+    # so each thread keeps its memory
     size = rows * columns
     room = vars(_own).pop("room", None)
     if room is None or room.size < size:

@@ -1,4 +1,4 @@
-"""The operating system: its refusals in words, files written as a whole, and threads that stop."""
+"""The operating system: messages for its errors, files replaced as a whole, locks, and threads that end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import subprocess
     from pathlib import Path
 
-#: By these libraries learn, when they are loaded, how many threads linear algebra may have.
+#: Environment variables that limit the threads of linear algebra; libraries read them when they are loaded.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 _MEMORY = "free memory, or raise its limit (ulimit -v)"
@@ -41,22 +41,25 @@ REMEDIES = {
 
 
 def ask_for_one_thread() -> None:
-    """Have linear algebra that is loaded from now on use one thread, unless the environment says otherwise."""
-    # matrices here are small: to wake a second thread and to await it takes longer than what it does
+    """Limit linear algebra libraries loaded from now on to one thread, unless the environment is set."""
+    # matrices here are small: waking a second thread and waiting for it takes longer than its work
     for name in THREADS:
         os.environ.setdefault(name, "1")
 
 
 @contextmanager
 def signals_blocked(*numbers: int) -> Iterator[None]:
-    """Start processes to which some signals mean nothing from their first instruction on; one to this process waits."""
-    # Ctrl-C, `timeout` and service managers signal every process of a group: who started the others ends them itself
+    """Block signals within the ``with`` block, so that processes started there ignore them from the first instruction.
+
+    Ctrl-C, `timeout` and service managers signal every process of a group; the parent ends its children itself.  A
+    signal to this process waits until the end of the block.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     from multiprocessing import resource_tracker
 
-    resource_tracker.ensure_running()  # started later, by the start of a process, it would unblock the signals
+    resource_tracker.ensure_running()  # if a process start launched it, it would unblock the signals
     before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield
@@ -71,13 +74,13 @@ def reason_of(error: BaseException) -> str:
 
 
 def one_line(error: BaseException) -> str:
-    """Return the message of an error in one line, with the name of the file if the system gives one."""
+    """Return the message of an error in one line, with the file name if the system gives one."""
     file = error.filename if isinstance(error, OSError) and error.strerror else None
     return reason_of(error) + (f": {file!r}" if file else "")
 
 
 def refusal(error: BaseException) -> str | None:
-    """Return in one line what the system refused, and what to do; None for an error of another kind."""
+    """Return what the system refused and the remedy, in one line; None for another kind of error."""
     match error:
         case MemoryError():
             detail = " ".join(str(error).split())  # NumPy's message has the size of the array
@@ -95,15 +98,15 @@ ENDING = ".new"
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give the name under which a file is written; it gets its own when the ``with`` block ends without an error."""
+    """Yield a temporary path to write to; it replaces ``path`` if the ``with`` block ends without an error."""
     import socket  # here, as `replant --help` writes no file
     import zlib
 
-    named = zlib.crc32(os.fsencode(path.name))  # short: the name itself may be as long as names can be
+    named = zlib.crc32(os.fsencode(path.name))  # the name itself may already have the maximal length
     new = path.with_name(f".{named:08x}.{socket.gethostname()}.{os.getpid()}.{threading.get_ident()}{ENDING}")
     try:
         new.unlink(missing_ok=True)
-        new.open("x").close()  # a new file, not what a link of this name leads to
+        new.open("x").close()  # a new file, never the target of a link of this name
         yield new
         with new.open("rb+") as stream:
             os.fsync(stream.fileno())
@@ -115,20 +118,20 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def alone(path: Path) -> Iterator[None]:
-    """Hold a file or folder, there or not, by a lock beside it; SystemRefusedError where another process holds it."""
+    """Lock a file or folder, which need not exist, by a file beside it; SystemRefusedError if it is locked."""
     with contextlib.ExitStack() as held:
         try:
             real = path.resolve()
             lock = held.enter_context(real.with_name(f".{real.name}.lock").open("ab"))
-        except (OSError, ValueError, RuntimeError):  # what is wrong with the path is said where it is written
-            lock = None  # as in a folder that cannot be written: nobody is refused
+        except (OSError, ValueError, RuntimeError):  # a wrong path is reported when it is written
+            lock = None  # without a lock, as in a read-only folder, nobody is refused
         if lock is not None and not _locked(lock.fileno()):
             raise SystemRefusedError(f"{path}: another session writes there; end that one, or give another name")
         yield
 
 
 def _locked(descriptor: int) -> bool:
-    """Lock an open file until it is closed; return whether no other process has locked it."""
+    """Lock an open file until it is closed; return whether it could be locked."""
     try:
         if sys.platform == "win32":
             import msvcrt
@@ -140,20 +143,20 @@ def _locked(descriptor: int) -> bool:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except (BlockingIOError, PermissionError):
         return False
-    except OSError:  # a disk without locks
+    except OSError:  # a file system without locks
         return True
     return True
 
 
 def end_process(process: subprocess.Popen[bytes], owner: int) -> None:
-    """End a process that ``owner`` started, and close its pipes; a fork of the owner leaves it alone."""
+    """End a process that ``owner`` started, and close its pipes; a fork of the owner does nothing."""
     if os.getpid() != owner:
         return
-    with contextlib.suppress(OSError), process:  # of a request that was not sent
+    with contextlib.suppress(OSError), process:  # closing a pipe with an unsent request may fail
         process.kill()
 
 
-START_TIMEOUT = 60.0  # time within which a thread that was started must have begun: it needs microseconds [s]
+START_TIMEOUT = 60.0  # time within which a new thread must begin; it needs microseconds [s]
 
 
 class Worker:
@@ -165,7 +168,7 @@ class Worker:
 
     def start(self) -> None:
         """Start the thread."""
-        # `threading.Thread.start` waits until the thread has begun: without end, if a lack of memory ends it before
+        # `threading.Thread.start` waits until the thread has begun: forever, if lack of memory ends it earlier
         _thread.start_new_thread(self._run, ())
         if not self._begun.wait(START_TIMEOUT):
             self._ended.set()

@@ -1,4 +1,4 @@
-"""Statistics that outliers do not move, outputs that stand still, values that are missing, and stretches left out."""
+"""Statistics robust to outliers, constant outputs, missing values, and stretches of samples left out."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ import numpy as np
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 
 MEDIAN_TO_STD = 1.4826  # standard deviation of a normal distribution over the median of its absolute values [ratio]
-GROSS = 2.0  # distance from the neighbours' median that no plant makes: a spike [ranges of the median over the record]
-SPIKE_NEIGHBOURS = 5  # whose median tells an output without spikes: two in a row are outvoted [samples]
-# more than a twentieth at one end is what a signal does now and then
-FAR_OUT = 0.05  # values at either end that may lie far from all others [part of them]
-# as the digits of a log: levels that differ by less are one, computed from other numbers, such as two positions
+GROSS = 2.0  # distance from the neighbours' median beyond which an output is a spike [ranges of that median]
+SPIKE_NEIGHBOURS = 5  # samples of the running median, which removes up to two spikes in a row [samples]
+# more than a twentieth at one end is part of the signal
+FAR_OUT = 0.05  # share of values at either end that may lie far from all others [part of all values]
+# the digits of a log: closer levels are the same one, computed for instance from two positions
 ROUNDING = 1e-6  # distance of values that are one level of a scale [part of the range of nine tenths]
-SECTIONS = 8  # of a record, one of which at least tells how often neighbours are equal by chance [count]
+SECTIONS = 8  # sections of a record: at least one shows how often neighbours are equal by chance [count]
 
 
 def robust_std(values: FloatArray) -> float:
-    """Return the standard deviation of normal numbers (K,) about zero, whatever up to half of them are."""
+    """Return the standard deviation of normal numbers (K,) about zero; up to half of them may be outliers."""
     return MEDIAN_TO_STD * float(np.median(np.abs(values)))
 
 
 def without_spikes(y: FloatArray) -> FloatArray:
-    """Return an output with gross outliers (`GROSS`) replaced by the median of five neighbours."""
+    """Return an output with spikes (`GROSS`) replaced by the median of five neighbours."""
     if y.size < SPIKE_NEIGHBOURS or not np.isfinite(y).all():
         return y
     half = SPIKE_NEIGHBOURS // 2
     windows = np.lib.stride_tricks.sliding_window_view(y, SPIKE_NEIGHBOURS)
-    median = np.pad(np.median(windows, axis=1), half, mode="edge")  # a mirror would show an end that is bad twice
+    median = np.pad(np.median(windows, axis=1), half, mode="edge")  # mirroring would count a bad end sample twice
     limit = GROSS * float(np.ptp(median))
     with np.errstate(over="ignore"):
         gross = (np.abs(y - median) > limit) & (limit > 0.0)
@@ -35,7 +35,7 @@ def without_spikes(y: FloatArray) -> FloatArray:
 
 
 def far_out(values: FloatArray) -> tuple[BoolArray, float, float]:
-    """Return which values (K,) lie farther outside the range of nine tenths than that is wide, and this range."""
+    """Return which values (K,) lie outside the range of nine tenths by more than its width, and this range."""
     known = values[np.isfinite(values)]
     with np.errstate(invalid="ignore", over="ignore"):
         low, high = np.quantile(known, [FAR_OUT, 1.0 - FAR_OUT]) if known.size else (0.0, 0.0)
@@ -45,7 +45,7 @@ def far_out(values: FloatArray) -> tuple[BoolArray, float, float]:
 
 
 def normal_scores(values: FloatArray) -> FloatArray:
-    """Return the normal quantiles of the ranks of values (K,), van der Waerden's scores: their order without size."""
+    """Return van der Waerden's scores: the normal quantiles of the ranks of values (K,)."""
     from scipy.special import ndtri  # slow to import
 
     _, of_each, counts = np.unique(values, return_inverse=True, return_counts=True)
@@ -54,7 +54,7 @@ def normal_scores(values: FloatArray) -> FloatArray:
 
 
 def last_known(values: FloatArray, before: float = np.nan) -> FloatArray:
-    """Return values (K,), the last finite one in the place of each that is not, ``before`` that the first one."""
+    """Return values (K,) with each non-finite one replaced by the last finite one, or ``before`` if there is none."""
     finite = np.isfinite(values)
     if finite.all():
         return values
@@ -63,13 +63,13 @@ def last_known(values: FloatArray, before: float = np.nan) -> FloatArray:
 
 
 def still_runs(y: FloatArray) -> IntArray:
-    """Return the runs of samples (K,) equal to the bit, (R, 2): where each begins and ends."""
+    """Return the runs of equal samples (K,) as rows [begin, end), (R, 2)."""
     begins = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
     return np.column_stack([begins, np.append(begins[1:], y.size)])
 
 
 def usual_step(y: FloatArray) -> float:
-    """Return the step of a sensor's scale, the median distance of the values (K,) that it gave; 0 of a single one."""
+    """Return the step of a sensor's scale: the median distance of its distinct values (K,); 0 for a single one."""
     known = y[np.isfinite(y)]
     apart = np.diff(np.unique(known))
     if not apart.size:
@@ -80,27 +80,27 @@ def usual_step(y: FloatArray) -> float:
 
 
 def tie_share(equal: BoolArray) -> float:
-    """Return the share of equal neighbours (K - 1,) in the part of the record with the fewest: the sensor may fail."""
+    """Return the share of equal neighbours (K - 1,) in the section with the fewest: elsewhere the sensor may fail."""
     return min(float(part.mean()) for part in np.array_split(equal, SECTIONS))
 
 
 def never_ties(y: FloatArray) -> bool:
-    """Return whether noise keeps any two samples (K,) in a row from being equal, unless the sensor fails."""
+    """Return whether two successive samples (K,) are never equal, because of noise, unless the sensor fails."""
     return y.size >= 2 * SECTIONS and tie_share(y[1:] == y[:-1]) * y.size < SECTIONS
 
 
-#: No stretches of samples; others are rows [begin, end), (R, 2): bridged, rejected, or before an interruption.
+#: No stretches of samples.  Stretches are rows [begin, end), (R, 2): bridged, rejected, or before an interruption.
 NONE: IntArray = np.zeros((0, 2), np.int64)
 
 
 def stretches_of(flags: BoolArray, first: int = 0) -> IntArray:
-    """Return where flags (K,) are set, as rows [begin, end), (R, 2); ``first`` is the sample of the first flag."""
+    """Return the stretches of set flags (K,) as rows [begin, end), (R, 2); ``first`` is the first flag's sample."""
     edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
     return np.asarray(first + edges.reshape(-1, 2), np.int64)
 
 
 def flags_of(stretches: IntArray, first: int, samples: int) -> BoolArray:
-    """Return which samples (K,) of a range lie in stretches."""
+    """Return a mask (K,) of the samples of a range that lie in stretches."""
     begin, end = np.searchsorted(stretches[:, 1], first, "right"), np.searchsorted(stretches[:, 0], first + samples)
     flags = np.zeros(samples, bool)
     for low, high in np.clip(stretches[begin:end] - first, 0, samples).tolist():
@@ -109,7 +109,7 @@ def flags_of(stretches: IntArray, first: int, samples: int) -> BoolArray:
 
 
 def joined(stretches: IntArray, apart: int) -> IntArray:
-    """Return ascending stretches (R, 2) with those joined that are at most ``apart`` samples apart, for a plot."""
+    """Join ascending stretches (R, 2) that are at most ``apart`` samples apart, for a plot."""
     if not len(stretches):
         return NONE
     new = np.flatnonzero(stretches[1:, 0] - np.maximum.accumulate(stretches[:-1, 1]) > apart)

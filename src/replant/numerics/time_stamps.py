@@ -1,4 +1,4 @@
-"""Time stamps given as an array: whether they are those of a regular clock, jitter and rounding apart."""
+"""Test whether an array of time stamps has a regular clock, apart from jitter and rounding."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 TOLERANCE = 0.01
 """Difference of an interval from the usual one up to which the clock is regular [part of the usual interval].
-Origin: a record whose stamps jitter, taken for regular, is fitted as if it had noise in proportion to the jitter.
-Measured on 2,000 exact samples of a resonant plant, the input held for five: 0.1 points of fit and 0.02 % of a
-coefficient are lost at 1 % of jitter, 1 point and 0.2 % at 10 %, 4 points and 1 % at 40 %; with stamps nothing is.
+Origin: if stamps with jitter are treated as regular, the fit sees noise in proportion to the jitter. Measured on 2,000
+exact samples of a resonant plant, the input held for five: jitter of 1 % costs 0.1 points of fit and 0.02 % of a
+coefficient, 10 % costs 1 point and 0.2 %, 40 % costs 4 points and 1 %; with stamps nothing is lost.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 
 def is_regular(stamps: NDArray[np.float64]) -> bool:
-    """Return whether time stamps (K,) are those of a regular clock; fewer than two are."""
+    """Return whether time stamps (K,) have a regular clock; true for fewer than two."""
     if stamps.size < 2:
         return True
     with np.errstate(over="ignore", invalid="ignore"):
@@ -30,7 +30,7 @@ def is_regular(stamps: NDArray[np.float64]) -> bool:
 
 
 def is_regular_interval(least: float, most: float, median: float, digits: float) -> bool:
-    """Return whether intervals from ``least`` to ``most`` are a regular clock's, its stamps rounded to ``digits``."""
+    """Return whether intervals from ``least`` to ``most`` fit a regular clock with stamps rounded to ``digits``."""
     deviation = max(most - median, median - least)
     return deviation <= TOLERANCE * median or _is_rounded_resolution(most - least, median, digits)
 
@@ -67,12 +67,12 @@ class StampResolution:
 
     @property
     def _has_decimals(self) -> bool:
-        """Whether the number of decimals can be told: beyond the digits of float64 every scaled number is whole."""
+        """Whether the number of decimals can be found: beyond the digits of float64 every scaled number is whole."""
         return self._decimals < 16 and self._error <= 0.01
 
 
 def _is_rounded_resolution(spread: float, median: float, digits: float) -> bool:
     """Return whether rounding to ``digits`` explains intervals whose lengths differ by ``spread``."""
-    # rounding of a regular grid leaves two lengths, one digit apart; a displaced stamp makes three, a missing sample is
-    # four digits or more, as a coarser rounding is not accepted
+    # a rounded regular grid has two lengths, one digit apart; a displaced stamp makes three lengths, a missing sample a
+    # difference of four digits or more, as coarser rounding is not accepted
     return digits <= 0.25 * median and spread <= digits + TOLERANCE * median

@@ -107,5 +107,5 @@ def test_a_map_that_does_not_keep_to_its_contract_is_refused(bad_map: Any) -> No
 
 @pytest.mark.parametrize(("value", "why"), [(np.nan, "2 not finite"), (1e200, "2 too large")])
 def test_a_working_point_without_a_sample_says_what_they_are(value: float, why: str) -> None:
-    with pytest.raises(rp.InvalidArgumentError, match=f"one sample that can be used: {why}"):
+    with pytest.raises(rp.InvalidArgumentError, match=f"at least one usable sample: {why}"):
         rp.Preprocess(output_offset="mean").resolve(np.ones(2), np.full(2, value))

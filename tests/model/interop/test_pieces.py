@@ -84,5 +84,5 @@ def test_words_of_other_libraries_are_answered() -> None:
 
     with pytest.raises(ArgumentTypeError, match="there is no argument 'order': poles=2 is the number of poles"):
         fit(order=2)  # type: ignore[call-arg]
-    assert _answer("pole", ("poles", "zeros")) == "poles is one"
-    assert _answer("magic", ("poles", "zeros")) == "there are poles, zeros"
+    assert _answer("pole", ("poles", "zeros")) == "did you mean poles?"
+    assert _answer("magic", ("poles", "zeros")) == "the arguments are poles, zeros"

@@ -203,7 +203,8 @@ def test_a_log_comes_back_from_its_frame_with_its_other_columns_and_the_hold_of_
 def test_another_column_may_not_have_the_name_of_a_signal() -> None:
     with pytest.raises(rp.InvalidArgumentError, match="input and another column are both named 'u'"):
         rp.Log([0.0, 1.0], [0.0, 0.0], 0.5, others={"u": [0.0, 1.0]}).to_pandas()
-    with pytest.raises(rp.InvalidArgumentError, match="another column is named 'time', as the dataset names its own"):
+    reserved = "another column is named 'time', a name that the dataset uses itself"
+    with pytest.raises(rp.InvalidArgumentError, match=reserved):
         rp.Log([0.0, 1.0], [0.0, 0.0], 0.5, others={"time": [0.0, 1.0]}).to_xarray()
 
 
