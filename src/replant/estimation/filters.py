@@ -1,7 +1,7 @@
-"""The filters as a user chooses them; their loops lie in `kernels.filters`.
+"""The filters that a user can choose; their loops are in `kernels.filters`.
 
-To add one: its class, a `Filter`, and its name in `FILTERS` below.  Settings, checkpoints and the messages about a
-wrong argument go by that list; everything else asks the filter itself (see `Filter`).
+To add one: write a subclass of `Filter` and add it to `FILTERS` below.  Settings, checkpoints and messages about wrong
+arguments use that list; all other code uses the interface of `Filter`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from replant.numerics.arguments import FloatArray, between, keep, numbers, one_o
 from replant.numerics.limits import dead_time, duration
 from replant.numerics.linear_algebra import roots
 
-# its memory is then ten thousand samples
+# a pole there has a memory of ten thousand samples
 NEAREST_AXIS = 1e-4  # least distance of a fixed filter's pole from the imaginary axis [1 / sampling time]
 
 
@@ -31,34 +31,34 @@ class DiscreteFilter:
     transition: FloatArray  # (n, n)
     output_taps: FloatArray  # (2, n): for y[k-1] and y[k]
     input_taps: FloatArray  # (3, n): for u[k-lag-2], u[k-lag-1] and u[k-lag]
-    characteristic: FloatArray  # (n,), and scale (n,): as in `replant.model.state_space.Companion`
+    characteristic: FloatArray  # (n,), as scale: see `replant.model.state_space.Companion`
     scale: FloatArray
     lag: int  # whole samples of dead time
 
 
 class Filter:
-    """What a filter tells about itself; the rest of the package asks for nothing else."""
+    """The interface of a filter that the rest of the package uses."""
 
-    input_hold: str  # "zoh" or "foh": what u does between samples
-    # whether it is made from the estimate, anew as that moves, after a start-up
+    input_hold: str  # "zoh" or "foh": the input between samples
+    # whether it is made from the estimate, which needs a start-up, and renewed as the estimate moves
     follows_estimate: ClassVar[bool] = False
 
     @property
     def regular_only(self) -> bool:
-        """Whether it is for a regular clock alone."""
+        """Whether it needs a regular clock."""
         return False
 
     @property
     def fixed(self) -> StateVariableFilter | None:
-        """The fixed filter that this is; None for one that follows the estimate."""
+        """The filter itself if it is fixed; None if it follows the estimate."""
         return None
 
     def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
-        """Return the fixed filter that this is where the estimate's denominator (n + 1,), monic, is this one."""
+        """Return the fixed filter that equals this one for an estimate with this monic ``denominator`` (n + 1,)."""
         raise NotImplementedError
 
     def check(self, structure: Structure) -> None:
-        """Raise InvalidArgumentError where this filter is not for this structure."""
+        """Raise InvalidArgumentError if this filter cannot be used with this structure."""
         return
 
 
@@ -69,22 +69,22 @@ class StateVariableFilter(Filter):
     Parameters
     ----------
     cutoff : float, optional
-        :math:`\lambda` in rad/s, for :math:`\Lambda(s) = (s + \lambda)^n`.  A cutoff a little above the plant's
-        fastest pole of interest works; far below loses that pole, far above lets the noise in.
+        :math:`\lambda` in rad/s, for :math:`\Lambda(s) = (s + \lambda)^n`.  Choose it a little above the fastest pole
+        of interest: a much lower cutoff suppresses that pole, a much higher one passes the noise.
     denominator : sequence of float, optional
         :math:`\Lambda(s)` itself, monic, descending powers, instead of a cutoff.
     method : {"exact", "gbt"}
-        "exact" solves the filters between samples without error: u as its hold says, y joined by straight lines.
-        "gbt" is the article's generalised bilinear transform, strictly causal as in (7): half a sample late.
+        "exact" solves the filters between samples without error: u as given by ``input_hold``, y linear.  "gbt" is the
+        article's generalised bilinear transform, strictly causal as in (7): half a sample late.
     input_hold : {"zoh", "foh"}
-        What u does between samples: stands still (a D/A converter; the default) or runs straight.  For "exact".
+        Input between samples: held, as by a D/A converter, or linear.  For "exact".
     alpha : float
-        Of the generalised bilinear transform: 0 forward Euler, 0.5 Tustin, 1 backward Euler.  For "gbt".
+        Parameter of the generalised bilinear transform: 0 forward Euler, 0.5 Tustin, 1 backward Euler.  For "gbt".
 
     Notes
     -----
-    The generalised bilinear transform with alpha < 0.5 is unstable where lambda dt > 2 / (1 - 2 alpha), which
-    `discretize` refuses; with alpha = 0.5 it rings where lambda dt > 2, which is warned of.
+    The generalised bilinear transform with alpha < 0.5 is unstable if lambda dt > 2 / (1 - 2 alpha): `discretize` then
+    raises an error.  With alpha = 0.5 it rings if lambda dt > 2: `discretize` then warns.
 
     References
     ----------
@@ -115,7 +115,7 @@ class StateVariableFilter(Filter):
 
     @property
     def regular_only(self) -> bool:
-        """Whether it is for a regular clock alone: the article's is."""
+        """Whether it needs a regular clock, as the article's filter does."""
         return self.method == "gbt"
 
     @property
@@ -124,11 +124,11 @@ class StateVariableFilter(Filter):
         return self
 
     def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
-        """Return this filter, wherever the estimate is."""
+        """Return this filter, for any estimate."""
         return self
 
     def check(self, structure: Structure) -> None:
-        """Raise InvalidArgumentError where this filter is not for this structure."""
+        """Raise InvalidArgumentError if this filter cannot be used with this structure."""
         self.polynomial(structure.poles)
         if self.method == "gbt" and structure.is_biproper:
             raise InvalidArgumentError("the gbt filter is strictly causal: as many zeros as poles need method='exact'")
@@ -144,7 +144,7 @@ class StateVariableFilter(Filter):
         Raises
         ------
         InvalidArgumentError
-            For a denominator of another order, or a cutoff whose power leaves float64.
+            For a denominator of another order, or a cutoff whose powers overflow.
         """
         poles = whole("poles", poles, 1, Structure.MOST_POLES)
         if self.denominator is not None:
@@ -157,7 +157,7 @@ class StateVariableFilter(Filter):
         with np.errstate(over="ignore", invalid="ignore"):
             polynomial = np.asarray(np.poly(np.full(poles, -self.cutoff)), np.float64)
         if not np.isfinite(polynomial).all():
-            raise InvalidArgumentError(f"cutoff must be smaller: with {poles} poles {self.cutoff:g} leaves float64")
+            raise InvalidArgumentError(f"cutoff must be smaller: {self.cutoff:g} overflows with {poles} poles")
         return polynomial
 
     def discretize(self, poles: int, dt: float, delay: float = 0.0) -> DiscreteFilter:
@@ -191,7 +191,7 @@ class StateVariableFilter(Filter):
         return DiscreteFilter(transition, output_taps, input_taps, model.characteristic, model.scale, lag)
 
     def _check_poles(self, dt: float) -> None:
-        # mapped from the continuous ones: eigenvalues of a tenfold pole would scatter by a few percent
+        # mapped from the continuous poles: computed eigenvalues of a tenfold pole scatter by a few percent
         s = dt * roots(np.asarray(self.polynomial(1) if self.denominator is None else self.denominator))
         poles = (1 + (1 - self.alpha) * s) / (1 - self.alpha * s)
         if np.abs(poles).max() >= 1.0:
@@ -206,15 +206,15 @@ class StateVariableFilter(Filter):
 
 @dataclass(frozen=True)
 class RefinedFilter(Filter):
-    r"""The filter 1/A(s) of the estimate itself, which follows it while the plant runs: nothing is to be chosen.
+    r"""The filter 1/A(s), made of the estimate and renewed while the plant runs: there is nothing to choose.
 
-    It is the filter with which the regression is optimal when the output noise is white, and with which it has no
-    error of discretisation.  It needs instruments, and a start-up from which the first A comes.
+    With this filter the regression is optimal for white output noise, and has no discretisation error.  It needs
+    instruments, and a start-up for the first A.
 
     Parameters
     ----------
     input_hold : {"zoh", "foh"}
-        What u does between samples.
+        Input between samples: held, or linear.
 
     References
     ----------
@@ -233,7 +233,7 @@ class RefinedFilter(Filter):
         keep(self, "input_hold", one_of, ("zoh", "foh"))
 
     def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
-        """Return the filter 1/A of a model as a fixed one; poles are mirrored or moved off the axis."""
+        """Return the filter 1/A of a model as a fixed one; unstable poles are reflected, others moved off the axis."""
         poles = roots(denominator)
         poles = np.minimum(-np.abs(poles.real), -NEAREST_AXIS / dt) + 1j * poles.imag
         return StateVariableFilter(denominator=tuple(np.poly(poles).real.tolist()), input_hold=self.input_hold)
@@ -244,7 +244,7 @@ FILTERS: tuple[type[Filter], ...] = (StateVariableFilter, RefinedFilter)
 
 
 def _denominator(name: str, value: Sequence[float]) -> tuple[float, ...]:
-    """Return a monic polynomial with all roots left of the axis; its order is bounded before they are looked for."""
+    """Return a monic polynomial with all roots left of the axis; its order is checked before they are computed."""
     polynomial = numbers(name, value)
     if len(polynomial) < 2 or polynomial[0] != 1.0:
         raise InvalidArgumentError(f"{name} must be monic, of order 1 or more, got {list(polynomial[:12])}")

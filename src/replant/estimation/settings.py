@@ -1,4 +1,4 @@
-"""Settings: the choices of an identifier, as requested (`Request`), and as `online.startup` resolves them; scaling."""
+"""Settings of an identifier: as requested (`Request`), as resolved by `online.startup` (`Settings`); scaling."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from replant.numerics.arguments import FloatArray, instance, keep, numbers, posi
 from replant.numerics.limits import duration
 
 AUTO = "auto"
-LONGEST_DELAY = 1_000_000  # longest dead time; the inputs of the whole dead time are kept [sampling times]
+LONGEST_DELAY = 1_000_000  # longest dead time, as the inputs of the whole dead time are kept [sampling times]
 STORED = 30_000
-"""Raw samples stored: a record no longer than this is solved as a whole at its end [samples].
-Origin: 1.2 MB.  With 10,000, the estimates at the end of 15 of 496 random records of 3,000 to 30,000 samples were more
-than 5 points of fit below those of `fit`, all of longer records than that.
+"""Raw samples stored: a record up to this length is solved as a whole at its end [samples].
+Origin: 1.2 MB.  With 10,000, the final estimates of 15 of 496 random records of 3,000 to 30,000 samples were more than
+5 points of fit below those of `fit`; all 15 records were longer than 10,000.
 Sensitivity: not measured.
 """
 DEFAULT_OPTIMIZER = "recursive-least-squares"
@@ -34,7 +34,7 @@ NO_USE_OF_REFERENCE = (
 
 @dataclass(frozen=True)
 class Scaling:
-    r"""Ranges by which output and regressor are divided, so that every scaled parameter moves at a like pace.
+    r"""Scales that output and regressor are divided by, so that all scaled parameters are of similar size.
 
     .. math:: y = y_p / \sigma_y, \quad \varphi_i = \varphi_{uy,i} / \sigma_i, \quad
               \hat\theta_i = \hat\theta_{i,physical}\, \sigma_i / \sigma_y
@@ -44,8 +44,8 @@ class Scaling:
     output : float
         :math:`\sigma_y`, in the unit of y.
     regressor : sequence of float
-        :math:`\sigma_i`, in the order of ``Structure.names``: that of the filtered derivatives of y, then of u, then
-        of the bias (whose entry before scaling is 1: the article's "0.1" is a sigma of 10).
+        :math:`\sigma_i`, in the order of ``Structure.names``: of the filtered derivatives of y, then of u, then of the
+        bias (its unscaled entry is 1: the article's "0.1" is a sigma of 10).
 
     References
     ----------
@@ -82,7 +82,7 @@ class Scaling:
         Raises
         ------
         InvalidArgumentError
-            If there are not as many as the structure has parameters.
+            If their number differs from the number of parameters.
         """
         structure = instance("structure", structure, Structure)
         sigmas = np.array(self.regressor)
@@ -100,9 +100,9 @@ class Scaling:
 
     @classmethod
     def from_record(cls, y: FloatArray, regressor: FloatArray) -> Scaling:
-        """Return root mean squares of the output (K,) and of unscaled regressors (K, P); 1 where a signal is zero.
+        """Return the root mean squares of the output (K,) and of unscaled regressors (K, P); 1 for a zero signal.
 
-        Rows that are not finite are left out: `estimation.solver.least_squares` marks rejected samples so.
+        Rows that are not finite are left out: `estimation.solver.least_squares` marks rejected samples by NaN.
         """
         kept = np.isfinite(regressor).all(axis=1) & np.isfinite(y)
         return cls(_rms(y[kept]), tuple(_rms(entry) for entry in regressor[kept].T))
@@ -112,12 +112,12 @@ def _rms(signal: FloatArray) -> float:
     largest = float(np.abs(signal).max(initial=0.0))
     if largest == 0.0:
         return 1.0
-    return largest * float(np.sqrt(np.mean((signal / largest) ** 2)))  # in parts of the largest: no square overflows
+    return largest * float(np.sqrt(np.mean((signal / largest) ** 2)))  # relative to the largest: no overflow
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings of a running identifier, none of them "auto".  An identifier made with `arguments` repeats this one.
+    """The settings of a running identifier, none of them "auto".  `arguments` make an identifier with the same ones.
 
     Attributes
     ----------
@@ -131,11 +131,11 @@ class Settings:
     instruments : bool
     normalize : bool
     preprocess : Preprocess
-        With numbers for the working point.
+        With a numeric working point.
     startup : int
-        Number of samples that the start-up collected.
+        Number of samples collected in the start-up.
     reference : bool
-        Whether the samples come with a reference.
+        Whether the samples have a reference.
     """
 
     structure: Structure
@@ -170,13 +170,13 @@ class Settings:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """The arguments of an identifier with these settings: all but whether samples come with a reference."""
+        """The arguments of an identifier with these settings: all but ``reference``."""
         return {name: value for name, value in vars(self).items() if name != "reference"}
 
 
 @dataclass(frozen=True)
 class Request:
-    """The settings that the user requested, as in `Settings`; "auto" leaves a choice to the data."""
+    """The settings requested by the user, as in `Settings`; "auto" leaves a choice to the data."""
 
     structure: Structure
     dt: float
@@ -211,12 +211,12 @@ class Request:
         if remembers and isinstance(self.replay, Replay):
             name = type(self.optimizer).__name__
             raise InvalidArgumentError(f"{name} uses every sample already: replay must be None, not a buffer")
-        if isinstance(self.filter, Filter) and self.filter.fixed:  # raises where it cannot be discretised
+        if isinstance(self.filter, Filter) and self.filter.fixed:  # raises if it cannot be discretised
             self.filter.fixed.discretize(self.structure.poles, self.dt, self.structure.delay)
 
     @property
     def wants_instruments(self) -> bool:
-        """Whether instruments are used: if "auto", by the refined filter and optimizers that keep a covariance."""
+        """Whether instruments are used; if "auto", with the refined filter or an optimizer that keeps a covariance."""
         if isinstance(self.instruments, bool):
             return self.instruments
         if isinstance(self.filter, Filter) and self.filter.follows_estimate:
@@ -225,19 +225,19 @@ class Request:
 
     @property
     def keeps_covariance(self) -> bool:
-        """Whether the optimizer keeps a covariance: the outputs are then examined, and some may be missing."""
+        """Whether the optimizer keeps a covariance: then outputs are examined, and may be missing."""
         return self.optimizer_kind.keeps_covariance
 
     @property
     def optimizer_kind(self) -> Optimizer | type[Optimizer]:
-        """The optimizer, or the kind of it where the user named that alone."""
+        """The optimizer, or its class if the user gave only a name."""
         if isinstance(self.optimizer, Optimizer):
             return self.optimizer
         return OPTIMIZERS[DEFAULT_OPTIMIZER if self.optimizer == AUTO else self.optimizer]
 
     @property
     def input_hold(self) -> str:
-        """How the input goes on between two samples: "zoh" or "foh"."""
+        """The input between two samples: "zoh", held, or "foh", linear."""
         return self.filter.input_hold if isinstance(self.filter, Filter) else "zoh"
 
     @property
@@ -248,25 +248,25 @@ class Request:
 
     @property
     def least_startup(self) -> int:
-        """The smallest number of samples for a first model."""
+        """The least number of samples for a first model."""
         return 4 * (2 * self.structure.poles + self.structure.zeros + 2) if self.wants_instruments else 1
 
     @property
     def first_hold(self) -> int:
-        """Number of measured outputs that the start-up collects at first; 0 if no choice needs them."""
+        """Number of measured outputs that the start-up collects first; 0 if no choice needs them."""
         if self.asks_for_data:
             return max(self.startup, self.least_startup)
         return 0 if self.preprocess.needs == "nothing" else 1
 
     @property
     def asks_for_data(self) -> bool:
-        """Whether a choice needs a record of samples; those of optimizer and replay do not."""
+        """Whether a choice needs a record of samples; the choice of optimizer and replay does not."""
         waits = isinstance(self.filter, str) or isinstance(self.scaling, str) or self.preprocess.needs == "mean"
         return waits or self.wants_instruments
 
 
 def filter_for(input_hold: str) -> Filter | str:
-    """Return the filter to request where the input is "zoh", which the data choose, or "foh", of which it must know."""
+    """Return the filter to request: "auto" for "zoh"; for "foh" the refined filter, which must know the hold."""
     return AUTO if input_hold == "zoh" else RefinedFilter(input_hold)
 
 
@@ -276,7 +276,7 @@ def _switch(name: str, value: Any) -> bool | str:
 
 
 def check_kept(delay: float, dt: float) -> None:
-    """Raise InvalidArgumentError for a dead time of which the inputs cannot be kept."""
+    """Raise InvalidArgumentError for a dead time so long that its inputs cannot be kept."""
     if delay > LONGEST_DELAY * dt:
         raise InvalidArgumentError(f"delay must be at most {LONGEST_DELAY:,} sampling times, got {delay / dt:.3g}")
 
@@ -287,12 +287,12 @@ def _check_together(chosen: Settings | Request) -> None:
     if isinstance(chosen.filter, Filter):
         chosen.filter.check(chosen.structure)
         if chosen.filter.follows_estimate and chosen.instruments is False:
-            raise InvalidArgumentError("the refined filter needs instruments: instruments=False cannot go with it")
+            raise InvalidArgumentError("the refined filter needs instruments: leave out instruments=False")
     if isinstance(chosen.scaling, Scaling):
         chosen.scaling.sigmas(chosen.structure)
     if isinstance(chosen.optimizer, Optimizer):
         chosen.optimizer.check(chosen.structure.size)
 
 
-# two thirds of what is stored (`STORED`): the record is solved once more as a whole
-LONGEST_STARTUP = 20_000  # measured outputs at the most, before a start-up that does not suffice is taken [samples]
+# two thirds of `STORED`, so that the record is solved once more as a whole
+LONGEST_STARTUP = 20_000  # measured outputs after which a start-up ends even if it is not sufficient [samples]

@@ -1,1 +1,1 @@
-"""The kernels' arrays: how they are laid out, filled and read, and which kernel steps them."""
+"""The arrays of the kernels: layout, content, access, and the choice of the step kernel."""

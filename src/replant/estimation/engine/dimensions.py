@@ -1,4 +1,4 @@
-"""Dimensions: how large every array of a state is, in plain whole numbers, before any of them is laid out."""
+"""Dimensions: the size of every array of a state, as integers, before any array is allocated."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from replant.kernels.schema import ROOM, ROWS, SCALARS, StateSlots, dimensions
 from replant.kernels.slot_tables import Block, Numbers
 from replant.model.structure import Structure
 
-DENSEST = 4.0  # rate at which samples may come where there is a dead time: so many past inputs are kept [nominal rates]
+DENSEST = 4.0  # highest rate of samples for which the inputs of the dead time are kept [nominal rates]
 
 
 @dataclass(frozen=True)
 class Dimensions:
-    """What the sizes of the kernels' arrays follow from, by the names of the slots that say so in a state."""
+    """The numbers that define the sizes of the kernels' arrays, named as the slots of a state."""
 
     order: int  # poles, n
-    entries: int  # of the regressor, T
+    entries: int  # entries of the regressor, T
     ring_size: int  # past inputs kept
     memory_size: int = 0  # numbers of the optimizer's memory, M
-    settings_size: int = 0  # and of its settings, S
+    settings_size: int = 0  # numbers of its settings, S
     batch_size: int = 1  # updates a sample
     capacity: int = 1  # rows of the buffer
     recent_size: int = 0  # raw samples kept
-    instruments: bool = False  # whether a row of the buffer holds the regressor's noise-free companion as well
+    instruments: bool = False  # whether a row of the buffer also holds the instruments
     examines_output: bool = False  # whether outputs are examined before they are learned
-    has_reference: bool = False  # whether there is a reference, which is kept beside the raw samples
+    has_reference: bool = False  # whether there is a reference, which is kept with the raw samples
     path_size: int = ROOM  # rows of the estimate's path
 
     @classmethod
     def of_settings(cls, settings: Settings, recent: int, path: int | None = None) -> Dimensions:
-        """Return those of an identifier with these settings that has room for so many raw samples, and a path."""
+        """Return the dimensions of an identifier with these settings, ``recent`` raw samples and ``path`` rows."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
         entries = entries_of(structure, refined=settings.filter.follows_estimate)
         if path is None:
@@ -46,7 +46,7 @@ class Dimensions:
             optimizer.memory(entries).size,
             optimizer.settings(settings.dt, np.ones(entries)).size,
             batch_size=replay.batch_size if replay else 1,
-            capacity=replay.capacity if replay else 1,  # without replay: the newest sample, which is always learned
+            capacity=replay.capacity if replay else 1,  # without replay only the newest sample is learned
             recent_size=recent,
             instruments=settings.instruments,
             examines_output=optimizer.keeps_covariance,
@@ -56,18 +56,18 @@ class Dimensions:
 
     @classmethod
     def of_request(cls, request: Request, recent: int, *, reference: bool) -> Dimensions:
-        """Return those of a start-up, whose samples are collected before there are filters and an estimate."""
+        """Return the dimensions of a start-up, which collects samples before there are filters and an estimate."""
         ring, examines = ring_of(request.structure, request.dt), request.keeps_covariance
         return cls(1, 1, ring, recent_size=recent, examines_output=examines, has_reference=reference)
 
     @property
     def numbers(self) -> Numbers:
-        """The dimensions by the names that the schema gives them."""
+        """The dimensions by their names in the schema."""
         return dimensions(**vars(self))
 
     @property
     def begins(self) -> dict[Block, int]:
-        """Where in ``reals`` each block begins."""
+        """The begin of each block in ``reals``."""
         begins, end, numbers = {}, SCALARS, self.numbers
         for block in StateSlots.blocks:
             begins[block] = end
@@ -89,7 +89,7 @@ class Dimensions:
 
 
 def entries_of(structure: Structure, *, refined: bool) -> int:
-    """Return how many entries the regressor has, T: with the refined filter a constant and an initial state as well."""
+    """Return the number T of regressor entries; the refined filter adds a constant and an initial state."""
     n = structure.poles
     return n + structure.zeros + 1 + (1 + n if refined else int(structure.bias))
 
@@ -100,7 +100,7 @@ def ring_of(structure: Structure, dt: float) -> int:
 
 
 def room_for(samples: int, most: int) -> int:
-    """Return the rows for raw samples after so many, of ``most`` at the end: doubled when all are in use."""
+    """Return the rows allocated for raw samples after so many ``samples``: doubled when full, up to ``most``."""
     rows = min(FIRST_ROOM, most)
     while rows < most and rows <= samples:
         rows = min(2 * rows, most)
@@ -108,17 +108,17 @@ def room_for(samples: int, most: int) -> int:
 
 
 def rooms(most: int) -> set[int]:
-    """Return all rows that there may be of ``most``."""
+    """Return all numbers of rows that `room_for` may give with this ``most``."""
     return {room_for(samples, most) for samples in (0, *(FIRST_ROOM << power for power in range(most.bit_length())))}
 
 
 def collects_at_most(request: Request) -> int:
-    """Return how many samples a start-up collects at the most."""
+    """Return the most samples that a start-up collects."""
     return max(STORED, request.first_hold)
 
 
-# a verdict holds out half of the samples, and takes a hundred of these (`verdict.evidence.FEWEST`)
-FEWEST_JUDGED = 200  # raw samples kept, below which a verdict is made from running sums [samples]
-# two start-ups; in all, the copies then cost less than two of the last one
-FIRST_ROOM = 1024  # raw samples that there is room for at first; it doubles when all of it is in use [samples]
-RECENT = 10_000  # newest raw samples looked at: to solve a start-up again as it grows, and for assessment [samples]
+# a verdict holds out half of the samples, and needs a hundred of these (`verdict.evidence.FEWEST`)
+FEWEST_JUDGED = 200  # raw samples kept below which a verdict is made from running sums [samples]
+# two start-ups; all copies together cost less than twice the last one
+FIRST_ROOM = 1024  # raw samples that there is room for at first; the room doubles when it is full [samples]
+RECENT = 10_000  # newest raw samples used to solve a growing start-up again, and for assessment [samples]

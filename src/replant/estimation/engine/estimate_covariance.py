@@ -1,4 +1,4 @@
-"""The covariance of a running estimate: from what the optimizer keeps, or from the content of the replay buffer."""
+"""The covariance of a running estimate: from the optimizer's covariance, or from the content of the replay buffer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from replant.numerics.linear_algebra import combined, compose, larger, products,
 
 @quiet
 def covariance(state: State, settings: Settings) -> FloatArray:
-    """Return the estimate's covariance (P, P) in physical units; NaN without instruments, where noise biases it."""
+    """Return the estimate's covariance (P, P) in physical units; NaN without instruments, as noise then biases it."""
     size = settings.structure.size
     if not settings.instruments:
         return np.full((size, size), np.nan)
@@ -30,7 +30,7 @@ def covariance(state: State, settings: Settings) -> FloatArray:
 
 @quiet
 def slowness(state: State, settings: Settings) -> float:
-    """Return how many times wider the worst coefficient scatters than the colour says, as in drift; 1 if not known."""
+    """Return the largest ratio of a coefficient's scatter, as by drift, to its scatter by the colour; 1 if unknown."""
     if not (settings.instruments and settings.optimizer.keeps_colour):
         return 1.0
     coloured = np.diag(covariance_by_colour(state))
@@ -41,7 +41,7 @@ def slowness(state: State, settings: Settings) -> float:
 
 
 def _of_least_squares(state: State) -> FloatArray:
-    """Return the covariance by the residual's colour, without forgetting no less than the path's scatter."""
+    """Return the covariance by the residual's colour; without forgetting, at least the scatter of the path."""
     from replant.kernels.monitoring.scatter import lasting
 
     coloured = covariance_by_colour(state)
@@ -52,25 +52,25 @@ def _of_least_squares(state: State) -> FloatArray:
 
 
 def covariance_by_colour(state: State) -> FloatArray:
-    """Return sigma_w^2 P Q P (T, T) of the scaled parameters, or where it is larger that of a white residual.
+    """Return sigma_w^2 P Q P (T, T) of the scaled parameters, with at least the variances under white noise.
 
-    With a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta': without forgetting that
-    makes sigma^2 P, with it about half as much (`replant.kernels.monitoring.scatter`).
+    For a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta'.  This gives sigma^2 P
+    without forgetting, and about half as much with it (`replant.kernels.monitoring.scatter`).
     """
     colour, inverse = state.colour, compose(*state.factors)
     seen, forgetting = colour.count, float(state.settings[0])
     count = max(seen - state.entries, 1.0)
-    share = (2.0 - seen * (1.0 - forgetting)) / (1.0 + forgetting)  # of the sums of mu^2j and mu^j
+    share = (2.0 - seen * (1.0 - forgetting)) / (1.0 + forgetting)  # sum of mu^2j over sum of mu^j
     white = share * colour.power / count * inverse
     power = Autoregression.of_covariances(colour.covariances).power
     return larger(power / count * inverse @ colour.squares @ inverse, white)
 
 
 def _of_buffer(state: State) -> FloatArray:
-    """Return the covariance of the buffer's instrumental-variable estimate, and how far the estimate is from that.
+    """Return the covariance of the buffer's instrumental-variable estimate, plus the squared distance to it.
 
-    Small steps of the first order would come to rest at the solution of sum zeta (z - phi' theta) / m^2 = 0.  The
-    distance to it, by which the steps wander or have not arrived, is known: its square is added.
+    Small gradient steps would converge to the solution of sum zeta (z - phi' theta) / m^2 = 0.  The estimate differs
+    from it, as the steps scatter or have not converged; the square of this known distance is added.
     """
     size, filled = state.entries, state.buffer_filled
     unknown = np.full((size, size), np.nan)

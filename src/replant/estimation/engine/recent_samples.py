@@ -1,4 +1,4 @@
-"""Recent samples: the newest raw samples that a state keeps, in order."""
+"""Recent samples: the newest raw samples that a state keeps, oldest first."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from replant.estimation.engine.state import GAP, State
 from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, LOAD, OUTPUT, REFERENCE, STEP, Doubt
 from replant.numerics.arguments import BoolArray, FloatArray
 
-# what lasts longer may be the plant; a solution of the record tells as many apart
-IN_A_ROW = 5  # outliers in a row that are no more than that [samples]
+# a longer run may be a change of the plant; a solution of the record distinguishes runs of this length
+IN_A_ROW = 5  # most outliers in a row that are bridged [samples]
 
-# a gap of any length begins a new part; what is chosen by the record's duration must not depend on it
-LONGEST_GAP = 1000.0  # longest that a gap which parts a record counts as [usual intervals]
+# a gap of any length begins a new part; choices by the duration of the record must not depend on its length
+LONGEST_GAP = 1000.0  # longest interval that a gap between parts counts as [usual intervals]
 
 
 @dataclass(frozen=True, eq=False)
 class RecentSamples:
-    """Raw samples, input mapped and working point taken off, oldest first; those of a start-up still have theirs."""
+    """Raw samples, oldest first: input mapped, working point subtracted (except in a start-up)."""
 
-    # (K, 6), the sixth the reference, (K, 5), or where outputs are not examined (K, 3): input, output, interval
+    # (K, 3): input, output, interval; (K, 5) if outputs are examined; (K, 6) with a reference
     values: FloatArray
 
     @classmethod
     def of(cls, state: State, most: int = RECENT) -> RecentSamples:
-        """Return the newest of those that a state keeps, at most so many."""
+        """Return the newest samples that a state keeps, at most ``most``."""
         ring, rows, end = state.recent, *_newest(state, most)
         if rows <= end:
             return cls(ring[end - rows : end])
@@ -38,7 +38,7 @@ class RecentSamples:
 
     @classmethod
     def since(cls, state: State, sample: int) -> RecentSamples:
-        """Return a copy of those that came after so many accepted samples, lonely outliers bridged."""
+        """Return a copy of the samples after the given number of accepted ones, with short runs of outliers bridged."""
         kept = cls.of(state).cleaned()
         return kept[max(len(kept) - (state.samples - sample), 0) :]
 
@@ -70,12 +70,12 @@ class RecentSamples:
 
     @property
     def doubt(self) -> FloatArray:
-        """View of the `Doubt`; none where outputs are not examined."""
+        """View of the `Doubt`; `Doubt.NONE` if outputs are not examined."""
         return self.values[:, DOUBTED] if self.are_examined else np.full(len(self), float(Doubt.NONE))
 
     @property
     def reference(self) -> FloatArray:
-        """View of the reference; NaN where there is none."""
+        """View of the reference; NaN without one."""
         return self.values[:, REFERENCE] if self.have_reference else np.full(len(self), np.nan)
 
     @property
@@ -100,26 +100,26 @@ class RecentSamples:
 
     @property
     def is_stuck(self) -> BoolArray:
-        """Whether the output of each sample is that of a stuck sensor, those before it was noticed too."""
+        """Whether the output of each sample is that of a stuck sensor, also before this was noticed."""
         stuck = np.asarray(self.doubt == Doubt.STUCK)
         if not stuck.any():
             return stuck
         tied = np.append(False, self.output[1:] == self.output[:-1])
-        begins = np.maximum.accumulate(np.where(tied, 0, np.arange(len(self))))  # of the run of equal outputs
+        begins = np.maximum.accumulate(np.where(tied, 0, np.arange(len(self))))  # begin of the run of equal outputs
         return stuck | np.isin(begins, begins[stuck])
 
     @property
     def is_replaced(self) -> BoolArray:
-        """Whether the output of each sample says nothing of the plant: it is the model's, or that of a stuck sensor."""
+        """Whether the output of each sample carries no information: it is the model's, or that of a stuck sensor."""
         return np.asarray(self.is_stuck | (self.is_bridged & (self.output == self.bridged)))
 
     @property
     def loads(self) -> tuple[int, ...]:
-        """Samples since which another load acts, as a solution of the record has found it."""
+        """Samples at which a solution of the record has found a new load."""
         return tuple(np.flatnonzero(self.doubt == LOAD).tolist())
 
     def cleaned(self) -> RecentSamples:
-        """Return a copy with lonely outliers bridged, as the filters saw them."""
+        """Return a copy with short runs of outliers bridged, as the filters saw them."""
         copy = RecentSamples(self.values.copy())
         rows = np.flatnonzero((self.doubt == Doubt.OUTLIER) & ~self.is_stuck)
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
@@ -134,25 +134,25 @@ class RecentSamples:
         return copy
 
     def less(self, input_offset: float, output_offset: float) -> RecentSamples:
-        """Return a copy with the working point taken off."""
+        """Return a copy with the working point subtracted."""
         copy = RecentSamples(self.values.copy())
         copy.input[:] -= input_offset
         copy.output[:] -= output_offset
         return copy
 
     def select(self, rows: BoolArray) -> RecentSamples:
-        """Return a copy of some samples (K,), to whose intervals those of the samples left out are added."""
+        """Return a copy of some samples (K,); their intervals include those of the samples left out."""
         copy, ends = RecentSamples(self.values[rows]), np.cumsum(self.interval)
         if not rows.all():
             copy.interval[1:] = np.diff(ends[rows])
         return copy
 
     def without_stuck(self) -> RecentSamples:
-        """Return them with the output of a stuck sensor as the filters saw it: it says nothing of a model."""
+        """Return the samples with the outputs of a stuck sensor replaced by those that the filters saw."""
         return self.with_output(np.where(self.is_stuck, self.bridged, self.output))
 
     def missing_where_stuck(self) -> RecentSamples:
-        """Return them with the outputs of a stuck sensor as ones that are missing."""
+        """Return the samples with the outputs of a stuck sensor marked as missing."""
         copy = RecentSamples(self.values.copy())
         copy.doubt[self.is_stuck] = Doubt.MISSING
         return copy
@@ -168,18 +168,18 @@ class RecentSamples:
 
     @classmethod
     def record_of(cls, state: State, most: int, dt: float, input_hold: str) -> Record:
-        """Return the newest of those that a state keeps, at most so many, as a record that gaps part."""
+        """Return the newest samples that a state keeps, at most ``most``, as a record divided by its gaps."""
         from replant.kernels.monitoring import recent
 
         rows, end = _newest(state, most)
-        if rows and state.recent.shape[1] <= REFERENCE:  # in one pass: signal by signal takes a tenth of a search
+        if rows and state.recent.shape[1] <= REFERENCE:  # one pass; signal by signal would take a tenth of a search
             u, y = np.empty((2, rows))
             if not recent.unroll(state.recent, end, dt, u, y):
                 return Record(u, y, np.array([dt]), input_hold)
         return cls.of(state, most).record(dt, input_hold, parted=True)
 
     def record(self, dt: float, input_hold: str, *, parted: bool = False) -> Record:
-        """Return them as a record; regular where every interval is ``dt``."""
+        """Return the samples as a record, regular if every interval is ``dt``; ``parted``: divided by its gaps."""
         u, y = self.input.copy(), self.output.copy()
         r = self.reference.copy() if self.have_reference else None
         intervals, usual = np.array([dt]), math.inf
@@ -196,7 +196,7 @@ class RecentSamples:
 
 
 def variance_of_input(state: State, samples: int) -> float:
-    """Return the variance of the newest inputs that a state keeps, at most so many, of one at least."""
+    """Return the variance of the newest inputs that a state keeps, at most ``samples``; there must be one."""
     from replant.kernels.monitoring import recent
 
     rows, end = _newest(state, samples)
@@ -204,6 +204,6 @@ def variance_of_input(state: State, samples: int) -> float:
 
 
 def _newest(state: State, most: int) -> tuple[int, int]:
-    """Return how many samples a state keeps, of so many at most, and where in its ring they end."""
+    """Return how many samples a state keeps, at most ``most``, and the place in its ring where they end."""
     ring = len(state.recent)
     return min(state.samples, most, ring), state.samples if state.samples < ring else state.recent_head

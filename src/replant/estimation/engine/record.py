@@ -1,4 +1,4 @@
-"""Record: samples made ready for an estimator, mapped, usable, working point taken off."""
+"""Record: samples prepared for an estimator: mapped, usable, working point subtracted."""
 
 from __future__ import annotations
 
@@ -18,25 +18,26 @@ from replant.numerics.autoregression import Autoregression, in_a_row, since_brea
 from replant.numerics.linear_algebra import quiet, sum_of_squares
 
 # some million times the precision of float64
-SAME = 1e-9  # part of an interval that is rounding [ratio]
+SAME = 1e-9  # part of an interval up to which a difference is rounding [ratio]
 
 GAP = 3.5
-"""Interval without a sample, beside the usual one and its neighbours, after which the state is unknown [ratio].
-Origin: of a resonant plant under 5 % of noise, its binary input held for five samples, three lost in a row once in a
-hundred samples made the largest error of a coefficient 1.7 %, five 8.5 %, and 0.4 % where the state behind them is
-estimated; without lost samples it is 0.3 %.  Single samples lost at random, a tenth of all: 2.7 % either way.
+"""Interval, relative to the usual one and its neighbours, above which it is a gap, after which the state is unknown
+[ratio].
+Origin: a resonant plant with 5 % of noise, its binary input held for five samples. The largest error of a coefficient
+is 0.3 % without lost samples. Once in a hundred samples, three lost in a row make it 1.7 %, five make it 8.5 %, and
+0.4 % if the state after the gap is estimated. A tenth of all samples lost at random: 2.7 % either way.
 Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, nothing changes on these records.
 """
 
-MOST_GAPS = 500  # gaps that part a record, the longest ones of them: each costs a pass over its part [count]
+MOST_GAPS = 500  # gaps that divide a record, the longest ones: each costs a pass over its part [count]
 
 
 def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
-    """Return the samples (G,) that follow a gap: the input of the meantime is not known, and so is the state."""
+    """Return the samples (G,) that follow a gap: the input during the gap is unknown, and so is the state."""
     if intervals.size < 2:
         return np.zeros(0, np.int64)
     steps = np.concatenate([[usual] * 2, intervals[1:], [usual] * 2])
-    # three samples that come more slowly have a rate of their own; two gaps may have one sample between them
+    # three slow samples in a row have a rate of their own; two gaps may have a single sample between them
     pairs = np.minimum(steps[:-1], steps[1:])
     beside = np.maximum.reduce(
         [pairs[:-3], np.minimum(steps[1:-3], steps[3:-1]), pairs[3:], np.full(steps.size - 4, usual)]
@@ -49,25 +50,25 @@ def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A record made ready: mapped input and output, working point taken off, unusable samples dropped."""
+    """A prepared record: mapped input and output, working point subtracted, unusable samples dropped."""
 
     u: FloatArray  # (K,)
     y: FloatArray  # (K,)
-    intervals: FloatArray  # (1,) or (K,): time since the sample before, in s: one for all, or one each
+    intervals: FloatArray  # (1,) or (K,): time since the previous sample, in s: one for all, or one each
     input_hold: str = "zoh"
-    r: FloatArray | None = None  # (K,): the reference, where there is one
-    before: Record | None = None  # the samples before it, whose inputs still act on it because of a dead time
-    # usual interval in s of a record whose gaps part it, see `gaps_of`; infinite where none does
+    r: FloatArray | None = None  # (K,): the reference, if there is one
+    before: Record | None = None  # the samples before it, whose inputs still act because of a dead time
+    # usual interval in s of a record divided by its gaps, see `gaps_of`; infinite if it is not divided
     usual: float = math.inf
-    # (K,): which outputs were measured, None for all; in place of others, ``y`` a guess, the model's own output drives
+    # (K,): which outputs were measured, None for all; for the others ``y`` is a guess: the model's own output drives
     # the filters, and nothing is learned from them
     measured: BoolArray | None = None
-    begins: tuple[int, ...] = ()  # samples at which another record begins: its offset and initial state are its own
-    rest: int = 0  # samples at the beginning that are none of the log's: the rest that was put before it
+    begins: tuple[int, ...] = ()  # samples at which another record begins, with its own offset and initial state
+    rest: int = 0  # samples at rest that were put before the log's first sample
 
     @property
     def count(self) -> int:
-        """How many outputs were measured."""
+        """Number of measured outputs."""
         return self.u.size if self.measured is None else int(self.measured.sum())
 
     @property
@@ -82,34 +83,34 @@ class Record:
 
     @cached_property
     def predecessors(self) -> IntArray:
-        """How many outputs before each (K,) were measured a sampling time apart, up to LAGS; jitter counts as none."""
+        """Number of outputs measured before each (K,), one sampling time apart, up to LAGS; jitter is ignored."""
         if self.measured is None:
             return self._unbroken
         return np.minimum(in_a_row(self.measured, self._breaks), LAGS)
 
     @cached_property
     def _unbroken(self) -> IntArray:
-        """How many outputs before each (K,) came a sampling time apart, measured or not, up to LAGS."""
+        """Number of samples before each (K,) that are one sampling time apart, measured or not, up to LAGS."""
         if self.intervals.size == 1 and not self.begins:
             return _predecessors(self.u.size)
         since = since_break(self._breaks)
         return np.minimum(since, LAGS, out=since)
 
     def whitened(self, noise: Autoregression, signals: FloatArray) -> FloatArray:
-        """Return D(q) x of ``signals`` (K, ...) along the first axis, weighted where the past is not known."""
+        """Return D(q) x of ``signals`` (K, ...) along the first axis, weighted if the past is incomplete."""
         white = noise.whiten_known(signals, self._unbroken)
         missing = np.flatnonzero(~self.is_measured)
-        # an output not measured is whatever makes the result least: the likelihood is exact
+        # missing outputs take the values that minimise the result, which gives the exact likelihood
         return noise.without_unknown(white, self._unbroken, missing) if noise.order and missing.size else white
 
     @property
     def inputs_before(self) -> IntArray:
-        """How many inputs before each (K,) came a sampling time apart; jitter counts as none."""
+        """Number of inputs before each (K,) that are one sampling time apart; jitter is ignored."""
         return since_break(self._breaks)
 
     @property
     def _breaks(self) -> BoolArray:
-        """Which samples (K,) begin a record, or come at another interval than usual, by more than jitter."""
+        """Which samples (K,) begin a record, or come after an unusual interval, beyond jitter."""
         from replant.kernels.filters.whitening import JITTER
 
         broken = np.zeros(self.u.size, bool)
@@ -122,17 +123,17 @@ class Record:
 
     @cached_property
     def parts(self) -> list[slice]:
-        """The stretches between gaps and records; at the beginning of each the state is unknown."""
+        """The stretches between gaps and records; each begins with an unknown state."""
         gaps = gaps_of(self.intervals, self.usual).tolist() if math.isfinite(self.usual) else []
         return _slices(sorted({*gaps, *self.begins}), self.u.size)
 
     def nuisances_beside(self, poles: int, *, bias: bool) -> int:
-        """Return how many initial states and offsets are unknown beside those that the record begins with."""
+        """Return the number of unknown initial states and offsets, without those of the first part."""
         others = self.parts[1:]
         return sum(min(rows.stop - rows.start, poles + (rows.start in self.begins and not bias)) for rows in others)
 
     def answers(self, delay: float) -> BoolArray:
-        """Return which outputs (K,) answer to inputs of their own part, with a dead time in s."""
+        """Return which outputs (K,) respond to inputs of their own part, with a dead time in s."""
         answers = np.ones(self.u.size, bool)
         for rows in self.parts:
             answers[rows.start : rows.start + self.part(rows).unknown(delay)] = False
@@ -165,7 +166,7 @@ class Record:
         return Record(self.u[rows], self.y[rows], intervals, self.input_hold, r, None, usual, measured, begins, rest)
 
     def answering(self, delay: float) -> Record:
-        """Return the samples that answer to inputs of the record, those before as `before`; at least the newest."""
+        """Return the samples that respond to inputs of the record, at least the newest; the others become `before`."""
         unknown = min(self.unknown(delay), self.u.size - 1)
         if unknown <= 0:
             return self
@@ -173,12 +174,12 @@ class Record:
 
     @property
     def restored(self) -> tuple[Record, IntArray]:
-        """The record with rows that were lost, the input on a straight line, and where its samples (K,) are in that."""
+        """The record with lost samples restored, signals interpolated, and the places of its samples (K,) in it."""
         if self.intervals.size == 1:
             return self, np.arange(self.u.size)
         steps = self.intervals / float(np.median(self.intervals[1:]))
         steps[[0, *(rows.start for rows in self.parts)]] = 0.0
-        # what lies in a gap stays lost
+        # samples lost in a gap are not restored
         lost = np.where(steps <= GAP, np.maximum(np.rint(steps) - 1.0, 0.0), 0.0).astype(int)
         places = np.arange(self.u.size) + np.cumsum(lost)
         each, along = np.arange(places[-1] + 1), np.cumsum(self.intervals)
@@ -194,12 +195,12 @@ class Record:
 
     @property
     def levelled(self) -> Record:
-        """The record, where several were joined, with the means of each taken off input and output."""
-        u, y, told = self.u.copy(), self.y.copy(), self.is_measured
+        """The record with the means of each joined record subtracted from input and output."""
+        u, y, measured = self.u.copy(), self.y.copy(), self.is_measured
         for rows in self.records:
             u[rows] -= u[rows].mean()
-            if told[rows].any():
-                y[rows] = np.where(told[rows], y[rows] - y[rows][told[rows]].mean(), y[rows])
+            if measured[rows].any():
+                y[rows] = np.where(measured[rows], y[rows] - y[rows][measured[rows]].mean(), y[rows])
         return replace(self, u=u, y=y)
 
     @property
@@ -219,14 +220,14 @@ class Record:
         return Record(u, y, intervals, self.input_hold, r, None, self.usual, measured, begins)
 
     def unknown(self, delay: float) -> int:
-        """Return how many samples at the beginning answer to inputs before the record, with a dead time in s."""
+        """Return how many first samples respond to inputs before the record, with a dead time in s."""
         if self.intervals.size == 1:
             return min(unknown_outputs(delay, float(self.intervals[0])), self.u.size)
         since = np.cumsum(self.intervals) - self.intervals[0]
         return int(np.count_nonzero(delay - since > SAME * self.intervals))
 
     def since_first(self, sample: int) -> float:
-        """Return how long after the first sample of the log another one came, in s."""
+        """Return the time from the first sample of the log to another one, in s."""
         return self.first(sample + 1).last(max(sample + 1 - self.rest, 1)).span
 
     def clock(self, rows: slice) -> tuple[float, FloatArray | None]:
@@ -244,7 +245,7 @@ class Record:
 
     @cached_property
     def dt(self) -> float:
-        """Mean interval in s, gaps left out."""
+        """Mean interval in s, without gaps."""
         if not math.isfinite(self.usual) or len(self.parts) == 1:
             return self.span / (self.u.size - 1)
         within = [self.intervals[rows][1:] for rows in self.parts]
@@ -253,7 +254,7 @@ class Record:
 
 @lru_cache(maxsize=2)
 def _predecessors(samples: int) -> IntArray:
-    """Return how many samples came before each one (K,), up to LAGS; of a search it is asked again and again."""
+    """Return the number of samples before each one (K,), up to LAGS; cached, as a search needs it often."""
     found = np.minimum(np.arange(samples), LAGS)
     found.flags.writeable = False
     return found
@@ -268,24 +269,24 @@ def ready_record(
     structure: Structure, dt: float, preprocess: Preprocess, u: FloatArray, y: FloatArray,
     stamps: FloatArray | None = None, input_hold: str = "zoh", r: FloatArray | None = None,
 ) -> Record:  # fmt: skip
-    """Return a raw record made ready: mapped, samples without an input dropped, working point taken off."""
+    """Return a prepared record: mapped, samples without an input dropped, working point subtracted."""
     mapped = preprocess.map_input(u)
     accepted, measured = screen(mapped, np.zeros(y.size))[0], screen(mapped, y)[0]
-    # before the first output and behind the last nothing is told
+    # samples before the first output and after the last one carry no information
     accepted &= np.logical_or.accumulate(measured) & np.logical_or.accumulate(measured[::-1])[::-1]
-    if not structure.bias:  # the constant beside G(s) takes up what the mean leaves
+    if not structure.bias:  # the constant estimated with G(s) corrects an error of the mean
         preprocess = centre(preprocess, u, y)
     regular = stamps is None and bool(accepted.all())
     clock = np.arange(u.size) * dt if stamps is None else stamps
-    # where samples are dropped the intervals grow: the filters are exact for the time that passed
+    # dropped samples lengthen the intervals: the filters are exact for the elapsed time
     intervals = np.array([dt]) if regular else np.diff(clock[accepted], prepend=clock[accepted][:1] - dt)
     u, y = mapped[accepted] - float(preprocess.input_offset), y[accepted] - float(preprocess.output_offset)
     measured = measured[accepted]
     if r is not None:
         r = r[accepted]
-        told = np.isfinite(r)
-        measured = measured & told
-        r = np.interp(np.arange(r.size), np.flatnonzero(told), r[told]) if told.any() else r
+        known = np.isfinite(r)
+        measured = measured & known
+        r = np.interp(np.arange(r.size), np.flatnonzero(known), r[known]) if known.any() else r
     return Record(
         u, np.where(measured, y, 0.0), intervals, input_hold, r,
         usual=math.inf if regular else dt, measured=None if measured.all() else measured,

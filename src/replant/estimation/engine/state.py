@@ -1,10 +1,10 @@
-"""State: the arrays that the kernels work on, with a property for each number, and which kernel steps them.
+"""State: the arrays of the kernels, with a property for each number, and the choice of the step kernel.
 
 The regression behind every estimator, with Lambda moved to the left of (4), reads
 
     s^n/Lambda y = phi' theta,   phi = [-s^(n-1)/Lambda y ... -1/Lambda y, s^m/Lambda u ... 1/Lambda u (, 1)],
 
-so the estimate is in the plant's own parameters, whatever Lambda is; the prediction error is that of (8).
+so the estimate has the plant's own parameters for any Lambda; the prediction error is that of (8).
 """
 
 from __future__ import annotations
@@ -29,40 +29,40 @@ from replant.numerics.arguments import FloatArray, IntArray
 NOTHING = np.zeros(0)
 REGULAR = np.zeros(0)  # the time stamps of a regular clock
 
-# twice MOST_EARLIER: a packet that comes twice, whose samples are refused, is no interruption; on sixteen random plants
-# with holes of up to a hundred samples all estimates are good at 20 and at 10, and trusted at 18 and 19 looks of 48; at
-# 10 fewer samples behind a hole, 7 in place of 206, are taken for outliers
-GAP = 20.0  # time without a sample after which the filters begin anew [sampling times]
+# twice MOST_EARLIER, so that a repeated packet, whose samples are rejected, is no interruption; on sixteen random
+# plants with holes of up to a hundred samples all estimates are good at 20 and at 10, and trusted at 18 and 19 of 48
+# looks; at 10 fewer samples after a hole, 7 instead of 206, are treated as outliers
+GAP = 20.0  # time without a sample after which the filters restart [sampling times]
 
-#: What an array that the user makes large is for, and what to ask for instead.
+#: The purpose of an array that the user can make large, and what to ask for instead.
 LARGE = {"buffer": ("a replay buffer", "a smaller capacity"), "recent": ("a start-up", "a shorter startup")}
 
-# of the RECENT newest samples at most half are then held out from the oldest of the PAST estimates
-LONGEST_STEP = 1250  # samples between two past estimates kept, at the most [samples]
+# then at most half of the RECENT newest samples are held out from the oldest of the PAST estimates
+LONGEST_STEP = 1250  # most samples between two past estimates kept [samples]
 
 # the least power of two that a test needs
-SHORTEST_STEP = 128  # the same where the estimate follows a plant that changes, and is soon out of date [samples]
+SHORTEST_STEP = 128  # the same if the estimate tracks a changing plant, so that it is soon out of date [samples]
 
 
 class State(StateArrays):
     """The kernels' arrays, with a property for each of their slots: see `replant.kernels.schema`."""
 
     __slots__ = ("lane_kind",)
-    lane_kind: tuple[int, ...] | None  # see `vector_blocks.kind_of_lane`, which asks for it often
+    lane_kind: tuple[int, ...] | None  # cache of `vector_blocks.kind_of_lane`
 
     @property
     def arrays(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """All of them, in the order in which the kernels take them."""
+        """All arrays, in the order of the kernels' arguments."""
         return self.ints, self.reals, self.banks, self.buffer, self.recent
 
     def copy(self, *, buffer: bool = True, recent: bool = True) -> State:
-        """Return a state with arrays of its own; without ``buffer`` or ``recent``, which may be large, it shares it."""
+        """Return a state with its own arrays; it shares ``buffer`` or ``recent``, which may be large, if False."""
         kept = self.buffer.copy() if buffer else self.buffer
         raw = self.recent.copy() if recent else self.recent
         return State(self.ints.copy(), self.reals.copy(), self.banks.copy(), kept, raw)
 
     def make_room(self, most: int) -> None:
-        """Lengthen the ring of raw samples where all rows are in use, and there may be ``most``."""
+        """Lengthen the ring of raw samples if all rows are in use and there may be more, up to ``most``."""
         rows = len(self.recent)
         if self.samples != rows or rows >= most:
             return
@@ -71,17 +71,17 @@ class State(StateArrays):
         self.recent, self.recent_size, self.recent_head = longer, len(longer), rows
 
     def room_until(self, most: int) -> int:
-        """Return at how many samples all rows for raw ones are in use, where there may be ``most``; else 0."""
+        """Return the number of samples at which the ring of raw samples must grow; 0 if it has its ``most`` rows."""
         return len(self.recent) if self.samples <= len(self.recent) < most else 0
 
     def take_over(self, old: State, *slots: Slot) -> None:
-        """Take these slots' values from another state."""
+        """Copy the values of these slots from another state."""
         for slot in slots:
             setattr(self, slot.name, getattr(old, slot.name))
 
     @classmethod
     def empty(cls, sizes: Dimensions) -> State:
-        """Return arrays of zeros of these sizes, which say where each block begins."""
+        """Return arrays of zeros of these sizes, with the begin of each block filled in."""
         shapes = sizes.shapes
         ints = np.zeros(shapes["ints"], np.int64)
         for block, begin in sizes.begins.items():
@@ -103,7 +103,7 @@ class State(StateArrays):
     def build(
         cls, structure: Structure, dt: float, chosen: Filter, *, instruments: bool = False, reference: bool = False
     ) -> State:
-        """Return unscaled arrays without an optimizer, and fill in what is known of a fixed filter."""
+        """Return unscaled arrays without an optimizer; a fixed filter is filled in."""
         refined = chosen.follows_estimate
         entries, ring = entries_of(structure, refined=refined), ring_of(structure, dt)
         instruments = instruments or refined
@@ -115,7 +115,7 @@ class State(StateArrays):
         return state
 
     def describe(self, structure: Structure, dt: float, chosen: Filter) -> None:
-        """Fill in structure, sampling time and kind of filter; nothing compiled runs, see `fix_filter`."""
+        """Fill in structure, sampling time and kind of filter without running compiled code, see `fix_filter`."""
         self.parameter_count, self.input_entries = structure.size, structure.zeros + 1
         self.straight_input = chosen.input_hold == "foh"
         self.refined = chosen.follows_estimate
@@ -126,7 +126,7 @@ class State(StateArrays):
         self.ready_at = self.longest_gap = math.inf
 
     def rescale(self, sigma: FloatArray, output_scale: float) -> None:
-        """Give the regressor's entries their scales ``sigma`` (T,), and the output its own."""
+        """Set the scales of the regressor, ``sigma`` (T,), and of the output."""
         self.output_scale = output_scale
         self.sigma[:], self.unit[:] = sigma, output_scale / sigma
 
@@ -139,7 +139,7 @@ class State(StateArrays):
 
     @classmethod
     def laid_out(cls, settings: Settings, recent: int, path: int | None = None) -> State:
-        """Return the same without the fixed filter's numbers: nothing compiled has run yet."""
+        """Return the same without the fixed filter's numbers, without running compiled code."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
         state = cls.empty(Dimensions.of_settings(settings, recent, path))
         state.describe(structure, settings.dt, settings.filter)
@@ -164,7 +164,7 @@ class State(StateArrays):
 
     @classmethod
     def collecting(cls, request: Request, samples: int = 0, *, reference: bool) -> State:
-        """Return the arrays that collect the samples of a start-up, raw but for the input map, with room for some."""
+        """Return the arrays that collect the samples of a start-up, raw except for the input map."""
         room = room_for(samples, collects_at_most(request))
         state = cls.empty(Dimensions.of_request(request, room, reference=reference))
         state.collects, state.adapt, state.serving_bank = True, True, 1
@@ -186,20 +186,20 @@ class State(StateArrays):
 
     @property
     def noise_has_grown(self) -> bool:
-        """Whether an alarm has ended without another plant: what the residual was then is usual since."""
+        """Whether an alarm has ended without a change of the plant: the residual of that time is usual since."""
         from replant.kernels.monitoring.outliers import LIMIT
 
         return bool(self.cusum_limit > LIMIT)
 
     @property
     def serves_reflected(self) -> bool:
-        """Whether the serving model is not stable: its bank's denominator has the poles reflected."""
+        """Whether the auxiliary model in use is unstable: its bank's denominator has the poles reflected."""
         from replant.kernels.filters.bank import REFLECTED
 
         return bool(self.banks[self.serving_bank, REFLECTED])
 
     def install(self, theta: FloatArray) -> None:
-        """Make ``theta`` (T,), in physical units, the serving auxiliary model, its filters at rest."""
+        """Make ``theta`` (T,), in physical units, the auxiliary model in use, with its filters at rest."""
         from replant.kernels.filters.chain import install_model
 
         self.serving_bank, self.warming = 1, False
@@ -207,7 +207,7 @@ class State(StateArrays):
 
     @contextmanager
     def without_preprocessing(self) -> Iterator[None]:
-        """Take samples as they are kept in ``recent``: mapped, working point taken off."""
+        """Take samples as they are kept in ``recent``: mapped, working point subtracted."""
         kept = self.square_input, self.input_offset, self.output_offset
         self.square_input, self.input_offset, self.output_offset = False, 0.0, 0.0
         try:
@@ -216,7 +216,7 @@ class State(StateArrays):
             self.square_input, self.input_offset, self.output_offset = kept
 
     def fix_filter(self, structure: Structure, dt: float, chosen: Filter) -> None:
-        """Give the bank of a fixed filter its denominator; of the bilinear one also its one discretisation."""
+        """Set the denominator in the bank of a fixed filter, and the one discretisation of a bilinear filter."""
         from replant.kernels.filters import bank as bk
 
         state_filter = chosen.fixed
@@ -236,8 +236,8 @@ class State(StateArrays):
             fixed[bk.NEXT] = 1.0
 
 
-#: Why a sample is not learned, and where it is counted.  The output of an outlier, of a stuck sensor, and one that is
-#: missing are bridged.  A sample without a reference, where others have one, is learned with the last.
+#: Why a sample is not learned, and the slot that counts it.  Outliers, outputs of a stuck sensor and missing outputs
+#: are bridged.  A sample without a reference, if others have one, is learned with the previous reference.
 REASONS = {
     "not finite": State.not_finite, "too large": State.too_large, "not later": State.not_later,
     "too dense": State.too_dense, "time leap": State.time_leaps, "time too coarse": State.too_coarse,
@@ -250,7 +250,7 @@ Step = Callable[[float, float, float, float], float]  # takes a sample (u, y, t,
 
 
 def step_kernels(state: State, *, regular: bool) -> tuple[Kernel, Kernel]:
-    """Return the step kernels for one sample and for many, which work on the same arrays; see `kernels.step`."""
+    """Return the step kernels for one sample and for many, which use the same arrays; see `kernels.step`."""
     from replant.kernels.step import collecting, covariance, fixed_filter, gradient
 
     if state.collects:
@@ -265,14 +265,14 @@ def step_kernels(state: State, *, regular: bool) -> tuple[Kernel, Kernel]:
 
 
 def bound_step(state: State, kernel: Kernel, preprocess: Preprocess) -> tuple[Step, IntArray]:
-    """Return a function of (u, y, t, r) that takes one sample of this state as ``kernel`` does, and its gate (1,)."""
-    check(state)  # a step looks at nothing by itself; kernels that take many samples look each time
-    # an input map in Python is called first; while the gate is shut, as at first, the function raises Attention
+    """Return a function of (u, y, t, r) that takes one sample of this state with ``kernel``, and its gate (1,)."""
+    check(state)  # a single step checks nothing; kernels for many samples check each time
+    # an input map in Python is called first; while the gate is shut, as initially, the function raises Attention
     return bound(state, library().table(kernel.name, state.arrays), preprocess)
 
 
 def check(state: State) -> None:
-    """Raise ValueError where the arrays are not as long as their own numbers say."""
+    """Raise ValueError if the arrays are not as long as the state's own numbers state."""
     from replant.kernels.step.soundness import is_sound
 
     if not is_sound(*state.arrays):
@@ -280,7 +280,7 @@ def check(state: State) -> None:
 
 
 def bound(state: State, table: bytearray, preprocess: Preprocess) -> tuple[Step, IntArray]:
-    """Return what `bound_step` does, of a state that was checked, and the table of its arrays."""
+    """Return the result of `bound_step` for a checked state and the table of its arrays."""
     call, gate = library().step(table, state.arrays)
     if callable(preprocess.input_map):
         return lambda u, y, t, r: call(float(preprocess.call_map(np.array([u]))[0]), y, t, r), gate

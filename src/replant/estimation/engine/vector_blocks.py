@@ -1,4 +1,4 @@
-"""Several identifiers in SIMD vectors: their arrays stacked in blocks, or, with a covariance, side by side in lanes."""
+"""Several identifiers in SIMD vectors: arrays stacked in blocks, or, with a covariance, copied into lanes."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 from replant.kernels.schema import LAYOUT, LINE, StateSlots
 from replant.numerics.arguments import FloatArray, IntArray
 
-TILE = 256  # samples that a block takes at once: they, and what comes of them, stay in the processor's cache [samples]
-#: What the members of a block have in common: everything in `ints` but the random seed and what changes.
+TILE = 256  # samples that a block takes at once: with their results they stay in the processor's cache [samples]
+#: The slots that are equal in all members of a block: all settings in `ints` but the random seed.
 ALIKE_IN_BLOCKS = [slot.index for slot in StateSlots.integers if slot.writer == LAYOUT and slot is not StateSlots.seed]
 ALIKE_IN_BLOCKS += [StateSlots.rests_with_input.index, StateSlots.adapt.index]
-#: By what members are sorted into blocks: those alike in all of it draw the same rows of their buffers.
+#: The slots by which members are sorted into blocks: members equal in all of them draw the same rows of their buffers.
 IN_STEP = [slot.index for slot in (State.seed, State.drawn, State.buffer_filled, State.buffer_head)]
 
 STRETCH = 8
-"""Samples that members take between two looks at whether one of them met with something out of the ordinary [samples].
-Origin: with two poles at 50 Hz, 4 and 32 take 1.25 times as long a sample, 16 as long: looks cost time, and so does a
-member that takes a whole stretch by itself, as where its model is renewed.
+"""Samples that members take between two checks whether one of them had a sample that was not ordinary [samples].
+Origin: with two poles at 50 Hz, 4 and 32 take 1.25 times as long a sample, 16 as long: checks cost time, and so does a
+member that takes a whole stretch alone, for instance when its model is renewed.
 Sensitivity: changes no bit of any result.
 """
 
-#: What a state must have to be stepped in a lane.
+#: The values that a state must have to be stepped in a lane.
 FIT = {
     StateSlots.examines_output: 1, StateSlots.refined: 1, StateSlots.algorithm: RECURSIVE_LEAST_SQUARES,
     StateSlots.collects: 0, StateSlots.has_reference: 0,
 }  # fmt: skip
 VALUES = list(FIT.values())
 
-#: The places of these, and of what members side by side have in common.
+#: The places of these slots, and of the others that must be equal in members side by side.
 ALIKE_IN_LANES = np.array([
     slot.index
     for slot in (
@@ -47,7 +47,7 @@ ALIKE_IN_LANES = np.array([
 
 
 def is_under_way(state: State) -> bool:
-    """Return whether the fixed-filter kernel has taken its first sample and made its discretisation."""
+    """Return whether the fixed-filter kernel has taken its first sample and computed its discretisation."""
     from replant.kernels.filters import bank as bk
 
     kept = state.banks[0, bk.at_kept(state.order, state.entries)]
@@ -56,7 +56,7 @@ def is_under_way(state: State) -> bool:
 
 
 def kind_of_block(state: State) -> tuple[int, ...]:
-    """Return what members of one block must have in common."""
+    """Return the values that must be equal in the members of one block."""
     return tuple(state.ints[ALIKE_IN_BLOCKS].tolist())
 
 
@@ -71,11 +71,11 @@ def are_apart(states: Sequence[State]) -> bool:
 
 
 def kind_of_lane(state: State) -> tuple[int, ...] | None:
-    """Return what the states in the lanes of one vector must have in common; None where a state fits into none."""
+    """Return the values that must be equal in the lanes of one vector; None if a state cannot be in a lane."""
     try:
         return state.lane_kind
     except AttributeError:
-        state.lane_kind = found = _kind_of_lane(state)  # it does not change once a state has learned
+        state.lane_kind = found = _kind_of_lane(state)  # constant once a state has learned
         return found
 
 
@@ -99,11 +99,11 @@ def aligned(shape: tuple[int, ...], new: Callable[[int], FloatArray] = np.zeros)
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """The stacked arrays of up to `kernels.vector.LANES` members; see `replant.kernels.step.ensemble`."""
+    """The stacked arrays of up to `kernels.lanes.LANES` members; see `replant.kernels.step.ensemble`."""
 
-    numbers: IntArray  # (LANES,): which members these are; lanes left over repeat the first
-    members: int  # how many there are
-    # as of `State`; the member axis is the first of ``ints``, the last of the others
+    numbers: IntArray  # (LANES,): places of the members in the ensemble; unused lanes repeat the first
+    members: int  # number of members
+    # arrays as in `State`; the member axis is the first of ``ints`` and the last of the others
     arrays: tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]
     apart: bool  # whether the random streams differ; then the member axis of ``buffer`` is the first
     work: tuple[np.ndarray, ...] = field(repr=False)
@@ -129,7 +129,7 @@ class Block:
         return cls(np.array(rows), len(states), arrays, apart, work)
 
     def state(self, lane: int) -> State:
-        """Return one member's arrays: views, which follow it."""
+        """Return the arrays of one member as views."""
         ints, reals, banks, buffers, recent = self.arrays
         buffer = buffers[lane] if self.apart else buffers[..., lane]
         return State(ints[lane], reals[..., lane], banks[..., lane], buffer, recent[..., lane])
@@ -167,7 +167,7 @@ class Lanes:
         self, states: Sequence[State], numbers: Sequence[int], start: int, u: FloatArray, y: FloatArray,
         errors: FloatArray, parameters: FloatArray,
     ) -> tuple[int, IntArray]:  # fmt: skip
-        """Take samples from row ``start`` on; return where one needs attention, and up to which each has taken them."""
+        """Take samples from row ``start`` on until one needs attention; return the rows reached by all and by each."""
         from replant.kernels.lanes import LANES
         from replant.kernels.step import ensemble_covariance
 
@@ -180,14 +180,14 @@ class Lanes:
 
 
 class Room:
-    """Work space of one thread, used again as long as it is large enough: to make it takes a hundred samples."""
+    """Work space of one thread, reused while it is large enough: its allocation takes as long as a hundred samples."""
 
     def __init__(self) -> None:
         self._arrays = aligned((0, 0, 0)), aligned((0, 0, 0))
         self._lanes: Lanes | None = None
 
     def of(self, samples: int, size: int) -> tuple[FloatArray, FloatArray]:
-        """Return room for inputs, outputs and errors, and for the first ``size`` parameters, of a tile of samples."""
+        """Return room for a tile of samples: inputs, outputs and errors; the first ``size`` parameters."""
         from replant.kernels.lanes import LANES
 
         rows = min(TILE, max(samples, 1))
@@ -197,13 +197,13 @@ class Room:
         return self._arrays
 
     def lanes(self, kind: tuple[int, ...], state: State, size: int) -> Lanes:
-        """Return room for states of a kind, as this one is, and for the first ``size`` parameters."""
+        """Return room for states of a kind, such as ``state``, and for the first ``size`` parameters."""
         if self._lanes is None or (self._lanes.kind, self._lanes.size) != (kind, size):
             self._lanes = Lanes(state, size)
         return self._lanes
 
 
 def side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
-    """Return the arrays stacked along a new last axis, each vector on a line of the cache of its own."""
+    """Return the arrays stacked along a new last axis, so that each vector begins on a cache line."""
     result = aligned((*arrays[0].shape, len(arrays)))
     return np.stack(arrays, axis=-1, out=result)

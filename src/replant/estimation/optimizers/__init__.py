@@ -1,8 +1,8 @@
-"""The optimizers as a user chooses them, registered here; their loops lie in `kernels.optimizers`.
+"""The optimizers that a user can choose, registered here; their loops are in `kernels.optimizers`.
 
-To add one: its kernel, code and line in `learn` of `replant.kernels.optimizers.gradient` (or `step`, with a
-covariance), its place in `kernels.step.soundness`, its class in `gradient` or `covariance`, its name in `OPTIMIZERS`
-below.  The tests of every optimizer come from that list.
+To add one: add its loop, its code and a line in `learn` of `replant.kernels.optimizers.gradient` (`covariance` if it
+keeps a covariance), the number of its settings in `kernels.step.soundness`, its class in `gradient` or `optimizer`, and
+its name in `OPTIMIZERS` below.  The tests of all optimizers are made from that list.
 """
 
 from replant.estimation.optimizers.gradient import (
@@ -17,7 +17,7 @@ from replant.estimation.optimizers.gradient import (
 )
 from replant.estimation.optimizers.optimizer import KalmanTracking, Optimizer, RecursiveLeastSquares
 
-#: Every optimizer by the name that the command line takes.
+#: Every optimizer by its name on the command line.
 OPTIMIZERS: dict[str, type[Optimizer]] = {
     "gradient": Gradient,
     "adam": Adam,

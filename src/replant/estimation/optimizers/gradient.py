@@ -1,4 +1,4 @@
-"""Optimizers that follow the gradient: the article's equations (17) to (19), Algorithms 1 and 2, and their kin."""
+"""Gradient optimizers: the article's equations (17) to (19), Algorithms 1 and 2, and related ones."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from replant.numerics.arguments import FloatArray
 class Gradient(Optimizer):
     r"""Gradient descent on the instantaneous cost: :math:`\Delta = T_p \gamma \epsilon_I \varphi`.
 
-    With normalisation it is stable for :math:`T_p \gamma < 2` whatever the signals are.
+    With normalisation it is stable for :math:`T_p \gamma < 2` with any signals.
 
     Parameters
     ----------
     gain : float
-        :math:`\gamma`, in 1/s: the sampling time is part of the step.
+        :math:`\gamma`, in 1/s, as the sampling time is part of the step.
 
     References
     ----------
@@ -55,7 +55,7 @@ class IntegralCost(Optimizer):
     Parameters
     ----------
     gain : float
-        :math:`\Gamma`, in 1/s^2: the integral carries one more second than the gradient.
+        :math:`\Gamma`, in 1/s^2, as the integral has one more unit of s than the gradient.
     forgetting_rate : float
         :math:`\beta` in 1/s, at least 0; its inverse is the memory in s.
 
@@ -75,7 +75,7 @@ class IntegralCost(Optimizer):
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
-        """Return a memory of a tenth of the updates to come, and half the gain at which it would be stable no more.
+        """Return a memory of a tenth of the updates to come, and half of the largest stable gain.
 
         R never exceeds 1/beta in any direction, so Tp Gamma / beta < 2 is safe.
         """
@@ -91,14 +91,14 @@ class IntegralCost(Optimizer):
 class AdaGrad(Optimizer):
     r"""Adaptive gradient: :math:`\theta \leftarrow \theta - \alpha\, g / (\sqrt{\sum g^2} + \epsilon)`.
 
-    Its step falls like one over the square root of time: for plants that do not change.
+    Its steps decrease with the square root of time: for plants that do not change.
 
     Parameters
     ----------
     step_size : float
         :math:`\alpha`, in scaled parameters.
     epsilon : float
-        Keeps the division finite.
+        Small constant that keeps the division finite.
 
     References
     ----------
@@ -116,7 +116,7 @@ class AdaGrad(Optimizer):
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
-        """Return a step size of 0.05: the algorithm shrinks it by itself."""
+        """Return a step size of 0.05, as the algorithm reduces its steps itself."""
         return cls(step_size=0.05)
 
 
@@ -133,7 +133,7 @@ class RMSProp(Optimizer):
     rho : float
         Decay of the moving mean, in [0, 1).
     epsilon : float
-        Keeps the division finite.
+        Small constant that keeps the division finite.
 
     References
     ----------
@@ -158,7 +158,7 @@ class RMSProp(Optimizer):
 
 @dataclass(frozen=True)
 class AdaDelta(RMSProp):
-    r"""RMSProp whose step is measured by the size of its past steps.
+    r"""RMSProp with steps scaled by the root mean square of its past steps.
 
     .. math:: \theta \leftarrow \theta - \alpha \frac{\sqrt{E[\Delta^2] + \epsilon}}{\sqrt{E[g^2] + \epsilon}}\, g
 
@@ -169,7 +169,7 @@ class AdaDelta(RMSProp):
     rho : float
         Decay of both moving means, in [0, 1).
     epsilon : float
-        Sets the size of the first steps.
+        Determines the size of the first steps.
 
     References
     ----------
@@ -205,7 +205,7 @@ class Adam(Optimizer):
     beta1, beta2 : float
         Decay of the first and the second moment, in [0, 1).
     epsilon : float
-        Keeps the division finite.
+        Small constant that keeps the division finite.
 
     References
     ----------
@@ -265,7 +265,7 @@ class AMSGrad(Adam):
 
 @dataclass(frozen=True)
 class NAdam(Adam):
-    r"""Adam whose step already looks along the next momentum.
+    r"""Adam with Nesterov momentum: the step includes the next momentum.
 
     .. math:: \theta \leftarrow \theta - \frac{\alpha}{\sqrt{\hat v} + \epsilon}
               \Big( \frac{\beta_1 m}{1 - \beta_1^{t+1}} + \frac{(1 - \beta_1) g}{1 - \beta_1^t} \Big)

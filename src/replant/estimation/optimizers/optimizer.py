@@ -1,4 +1,4 @@
-"""What every optimizer has in common, the replay of kept samples, and those that keep a covariance."""
+"""The base class of all optimizers, experience replay, and the optimizers that keep a covariance."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from replant.numerics.arguments import (
     whole,
 )
 
-LARGEST_BATCH = 100_000  # updates a sample at the most: they take some milliseconds, which nothing interrupts [count]
+LARGEST_BATCH = 100_000  # most updates a sample: they take some milliseconds and cannot be interrupted [count]
 
 
 @dataclass(frozen=True)
 class Replay:
-    """Experience replay: each new sample is learned together with samples drawn from those kept.
+    """Experience replay: each new sample is learned together with samples drawn from a buffer.
 
-    A batch is ``batch_size - 1`` rows drawn uniformly, with replacement, from the filled part of the buffer (the new
-    sample included), then the new sample itself, one update a row.
+    A batch is ``batch_size - 1`` rows drawn uniformly, with replacement, from the filled part of the buffer (including
+    the new sample), and then the new sample itself, with one update a row.
 
     Parameters
     ----------
@@ -41,13 +41,13 @@ class Replay:
     warmup : int
         Batches begin once the buffer holds more than this many samples, or is full; before that, one update a sample.
     seed : int
-        Of the random stream, 0 or more; the stream is part of the identifier's state.
+        Seed of the random stream, 0 or more; the stream is part of the identifier's state.
 
     Notes
     -----
     Algorithm 3 as printed sets ``current_buffer_size`` from ``buffer_index``, which returns to zero when the buffer
-    wraps: from then on only the newest few samples could be drawn until the buffer refills.  Here a full buffer stays
-    full.  The article prints a batch of 20; its tables come out with 10 (see `replant.paper`).
+    wraps: from then on only the newest few samples could be drawn until the buffer is full again.  Here a full buffer
+    stays full.  The article prints a batch of 20; its tables are reproduced with 10 (see `replant.paper`).
 
     References
     ----------
@@ -72,20 +72,20 @@ class Replay:
 
 
 def rounded(value: float) -> float:
-    """Return ``value`` to three digits: a setting that one can type again."""
+    """Return ``value`` rounded to three digits, so that a user can type it again."""
     return float(f"{value:.3g}")
 
 
 class Optimizer:
-    """Base of the optimizers, which are frozen dataclasses of their settings; the state lives in the identifier."""
+    """Base of the optimizers, which are frozen dataclasses of their settings; the state is in the identifier."""
 
-    # of its loop in `replant.kernels.optimizers`, where its memory is declared.  It is stored in checkpoints: any
-    # number that no other optimizer has or had
+    # code of its loop in `replant.kernels.optimizers`, where its memory is declared.  It is stored in checkpoints, so
+    # it must be a number that no other optimizer has or had
     code: ClassVar[int]
     # whether its memory begins with the factors U and D of a covariance and ends with alpha; the loop is then in
     # `replant.kernels.optimizers.covariance`, else in `replant.kernels.optimizers.gradient`
     keeps_covariance: ClassVar[bool] = False
-    # whether power and colour of the residual are kept beside it, forgotten by the first of its settings
+    # whether power and colour of the residual are kept as well, with the first of its settings as forgetting factor
     keeps_colour: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -97,16 +97,16 @@ class Optimizer:
     def suggested(cls, dt: float, updates: int) -> Self:
         """Return this optimizer for auto-scaled signals, sampling time ``dt`` and about ``updates`` updates to come.
 
-        The more updates there are, the smaller each can be: the estimate gets there all the same, and less noisy.
+        With more updates each step can be smaller: the estimate still converges, with less noise.
         """
         raise NotImplementedError
 
     def check(self, size: int) -> None:
-        """Raise InvalidArgumentError where these settings are not for ``size`` parameters."""
+        """Raise InvalidArgumentError if these settings do not fit ``size`` parameters."""
         return
 
     def settings(self, dt: float, unit: FloatArray) -> FloatArray:
-        """Return the kernel's settings for the sampling time ``dt`` in s; ``unit`` (T,) is physical over scaled."""
+        """Return the kernel's settings for the sampling time ``dt`` in s; ``unit`` (T,): physical over scaled."""
         return np.array([getattr(self, each.name) for each in fields(self)])  # type: ignore[arg-type]
 
     def begins_with(self, size: int) -> dict[str, Any]:
@@ -123,12 +123,12 @@ class Optimizer:
 
 @dataclass(frozen=True)
 class RecursiveLeastSquares(Optimizer):
-    r"""Recursive least squares, with instruments recursive instrumental variables, on a factored covariance.
+    r"""Recursive least squares (with instruments: recursive instrumental variables), on a factored covariance.
 
     .. math:: K = P\zeta / (\mu + \zeta^T P \zeta), \quad \theta \leftarrow \theta + K (z - \varphi^T\theta), \quad
               P \leftarrow (P - K \zeta^T P) / \mu
 
-    P is kept as U D U', so it stays symmetric and positive definite however long the stream is.
+    P is kept as U D U', so it stays symmetric and positive definite for any length of the stream.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class RecursiveLeastSquares(Optimizer):
         The memory in s instead of a factor: :math:`\mu = e^{-dt / T}`.
     initial_covariance : float
         Diagonal of P before the first sample, in scaled parameters; with instruments the start-up gives P instead.
-        It also bounds how far forgetting can let P grow while nothing comes in.
+        It also bounds the growth of P by forgetting without excitation.
 
     Raises
     ------
@@ -172,7 +172,7 @@ class RecursiveLeastSquares(Optimizer):
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
-        """Return the one that remembers everything."""
+        """Return the optimizer without forgetting."""
         return cls()
 
     def settings(self, dt: float, unit: FloatArray) -> FloatArray:
@@ -180,28 +180,27 @@ class RecursiveLeastSquares(Optimizer):
         return np.array([self.forgetting_factor if self.time_constant is None else math.exp(-dt / self.time_constant)])
 
     def begins_with(self, size: int) -> dict[str, Any]:
-        """Return U and D of the initial covariance, which bounds D later, and one for alpha."""
+        """Return U and D of the initial covariance, the same bounds of D, and alpha = 1."""
         diagonal = self.initial_covariance
         return {"U": np.eye(size).ravel(), "D": diagonal, "caps": diagonal, "alpha": 1.0}
 
 
 @dataclass(frozen=True)
 class KalmanTracking(Optimizer):
-    r"""Follow parameters that change, each at its own pace.
+    r"""Track parameters that change, each at its own rate.
 
     .. math:: \theta_{k+1} = \theta_k + w_k, \quad \mathrm{var}\,w_k = q\, dt
 
-    The variance of the residual is tracked as well, so that only the pace has to be told.
+    The variance of the residual is estimated as well, so that only q has to be given.
 
     Parameters
     ----------
     process_noise : float or sequence of float
-        How much variance q a parameter gains in a second: one number each, in the order of ``Structure.names`` and
-        in the squared unit of the parameter, or one for all scaled parameters.  A parameter that walks about, by d
-        within T seconds, has q = d^2 / T; for one that goes steadily through a range d within T seconds a quarter of
-        the range counts, q = (d/4)^2 / T.
+        Variance q that a parameter gains in a second: one number for each, in the order of ``Structure.names`` and in
+        the squared unit of the parameter, or one for all scaled parameters.  A parameter with a random walk by d within
+        T seconds has q = d^2 / T; one that moves steadily through a range d within T seconds, q = (d/4)^2 / T.
     noise_time_constant : float
-        Memory in s of the residual's variance.
+        Memory of the residual's variance in s.
     initial_covariance : float
         As in `RecursiveLeastSquares`.
 
@@ -224,17 +223,17 @@ class KalmanTracking(Optimizer):
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
-        """Return a walk by a tenth of a scaled parameter over the samples to come."""
+        """Return a random walk by a tenth of a scaled parameter over the updates to come."""
         return cls(process_noise=rounded(0.1**2 / (updates * dt)))
 
     def check(self, size: int) -> None:
-        """Refuse a sequence of another length than ``size``."""
+        """Raise InvalidArgumentError for a sequence of another length than ``size``."""
         if isinstance(self.process_noise, Sequence) and len(self.process_noise) != size:
             given = len(self.process_noise)
             raise InvalidArgumentError(f"process_noise must have {size} entries, one for each parameter, got {given}")
 
     def settings(self, dt: float, unit: FloatArray) -> FloatArray:
-        """Return [1 / time constant of the noise variance, q of each scaled entry]; nuisances do not walk."""
+        """Return [1 / time constant of the noise variance, q of each scaled entry]; q of nuisances is 0."""
         noise = np.array(self.process_noise)
         scaled = np.zeros(unit.size)
         if noise.ndim == 0:
@@ -244,7 +243,7 @@ class KalmanTracking(Optimizer):
         return np.concatenate([[1.0 / self.noise_time_constant], scaled])
 
     def begins_with(self, size: int) -> dict[str, Any]:
-        """Return U and D of the initial covariance, and one for the residual's variance and alpha."""
+        """Return U and D of the initial covariance; the residual's variance and alpha are 1."""
         return {"U": np.eye(size).ravel(), "D": self.initial_covariance, "noise": 1.0, "alpha": 1.0}
 
 
@@ -256,7 +255,7 @@ def _process_noise(name: str, value: float | Sequence[float]) -> float | tuple[f
     return noise
 
 
-#: How the settings of optimizers are checked, by name.
+#: The check of each setting of the optimizers, by its name.
 CHECKS: dict[str, tuple[Any, ...]] = {
     **dict.fromkeys(("gain", "step_size", "epsilon", "forgetting_factor"), (positive,)),
     **dict.fromkeys(("noise_time_constant", "initial_covariance"), (positive,)),

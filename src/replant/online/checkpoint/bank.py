@@ -1,4 +1,4 @@
-"""The checkpoint of a bank: the checkpoints of its members, its weights and its lead, to the bit."""
+"""The checkpoint of a bank: the checkpoints of its members, and its weights and leads, to the bit."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ARRAYS_OF_WEIGHTS = tuple(each.name for each in fields(Weights) if each.name != 
 
 
 def bytes_of(members: Sequence[bytes], state: dict[str, Any], progress: Progress | None) -> bytes:
-    """Return the bytes of a bank; those of a member are a multiple of eight."""
+    """Return the bytes of a bank; the length of a member's bytes is a multiple of eight."""
     weights: Weights = state["_weights"]
     arrays = {f"member.{i}": np.frombuffer(each, np.int64) for i, each in enumerate(members)}
     arrays |= {name: getattr(weights, name) for name in ARRAYS_OF_WEIGHTS}
@@ -33,7 +33,7 @@ def bytes_of(members: Sequence[bytes], state: dict[str, Any], progress: Progress
     return encode_other(BANK, plain | {"leads": leads}, arrays, progress)
 
 
-#: Members of a bank, and what it keeps beside them.
+#: The members of a bank, and its other attributes.
 Parts = tuple[list[Any], dict[str, Any]]
 
 

@@ -1,7 +1,7 @@
-"""Content check: settings, sizes, positions inside their arrays and all numbers of a checkpoint fit together.
+"""Content check: settings, sizes, indices and all numbers of a checkpoint must agree.
 
-The kernels do not check their indices, so a state must be sound before they use it.  No compiled code runs here: the
-layout of a state is computed from the settings in Python, and compared.
+Kernels do not check their indices, so a state must be sound before they use it.  No compiled code runs here: the layout
+of the state is computed from the settings in Python, and compared.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from replant.kernels.schema import (
 from replant.kernels.slot_tables import NEVER
 from replant.online.background import Job
 
-#: The slots whose values follow from the settings alone, besides the offsets of the blocks.
+#: The slots whose values are determined by the settings, apart from the begins of the blocks.
 DECIDED = [slot for slot in (*StateSlots.integers, *StateSlots.scalars, *StateSlots.blocks) if slot.writer == LAYOUT]
 
 
 @cache
 def layout_of_state() -> str:
-    """Return a fingerprint of the layout of a state; versions of the kernels with different layouts differ in it."""
+    """Return a fingerprint of the layout of a state; it differs between versions with different layouts."""
     from replant.kernels.filters import bank
 
     slots = [
@@ -56,8 +56,8 @@ def layout_of_state() -> str:
 
 
 def sizes_of(settings: Settings | None, request: Request, rows: int, *, reference: bool) -> Dimensions:
-    """Return the sizes of an identifier's arrays, with so many ``rows`` of raw samples where there may be so many."""
-    most = collects_at_most(request) if settings is None else request.history  # without settings in a start-up
+    """Return the sizes of an identifier's arrays, with ``rows`` of raw samples if that is a possible number."""
+    most = collects_at_most(request) if settings is None else request.history  # no settings: it is in a start-up
     recent = rows if rows in rooms(most) else most
     if settings is None:
         return Dimensions.of_request(request, recent, reference=reference)
@@ -70,7 +70,7 @@ def check_start(request: Request, hold: int, *, reference: bool) -> None:
     while request.wants_instruments and 2 * holds[-1] <= LONGEST_STARTUP:
         holds.append(2 * holds[-1])
     if type(hold) is not int or hold not in holds:
-        raise DamagedCheckpointError("it waits for other samples in its start-up than its settings say")
+        raise DamagedCheckpointError("its start-up waits for another number of samples than its settings ask for")
     if reference and not request.takes_reference:
         raise DamagedCheckpointError("it has a reference, which its settings cannot use")
 
@@ -78,11 +78,11 @@ def check_start(request: Request, hold: int, *, reference: bool) -> None:
 def check_collected(state: State, request: Request, resolve_at: int, *, reference: bool) -> None:
     """Check the state of a start-up."""
     if type(resolve_at) is not int or resolve_at != 0:
-        raise DamagedCheckpointError("it plans to solve its record again, and has none yet")
+        raise DamagedCheckpointError("it plans to solve its record again, but has none yet")
     fresh = State.collecting(request, len(state.recent) - 1, reference=reference)
     _check_decided(state, fresh, None)
     _check_positions(state)
-    due = state.samples + (not state.attention)  # attention: it was interrupted before it could do what was due
+    due = state.samples + (not state.attention)  # attention: it was interrupted before the action that was due
     if not due <= state.attention_at <= max(len(state.recent), state.samples + 1):
         raise DamagedCheckpointError("it does not wait for the sample at which its start-up may end")
     numbers = all(slot.is_sound(state) for slot in (*StateSlots.scalars, *StateSlots.blocks))
@@ -91,7 +91,7 @@ def check_collected(state: State, request: Request, resolve_at: int, *, referenc
 
 
 def check_settings(settings: Settings, request: Request, *, reference: bool) -> None:
-    """Check that settings follow from a request."""
+    """Check that the settings agree with the request."""
     optimizer, asked = type(settings.optimizer), request.optimizer
     agrees = {
         "structure": settings.structure == request.structure,
@@ -116,7 +116,7 @@ def check_settings(settings: Settings, request: Request, *, reference: bool) -> 
 def check_state(
     state: State, settings: Settings, resolve_at: int, most: int = STORED, *, has_job: bool = False
 ) -> None:
-    """Check that the kernels can work on a state; where there is a job, `check_job` checks what it waits for."""
+    """Check that the kernels can use a state; if a job is pending, `check_job` checks what the state waits for."""
     _check_decided(state, State.laid_out(settings, len(state.recent)), settings)
     _check_positions(state)
     _check_due(state, resolve_at, most, has_job=has_job)
@@ -130,7 +130,7 @@ def check_state(
 
 
 def check_job(job: Job, state: State) -> None:
-    """Check that a job began before this state, and is waited for."""
+    """Check that a job began before this state, and that the state waits for it."""
     when = job.schedule
     if not (state.examines_output and when.begun <= state.samples <= when.until and len(state.recent) > 1):
         raise DamagedCheckpointError("its pending job belongs to other samples")
@@ -140,7 +140,7 @@ def check_job(job: Job, state: State) -> None:
 
 
 def _check_decided(state: State, fresh: State, settings: Settings | None) -> None:
-    """Check the numbers that follow from the settings: sizes, offsets, scaling, the optimizer's numbers."""
+    """Check the numbers determined by the settings: sizes, begins of blocks, scaling, the optimizer's settings."""
     for block in StateSlots.blocks:  # before their contents are compared
         if state.ints[block.index] != fresh.ints[block.index]:
             raise DamagedCheckpointError(f"its state and its settings differ in where {block.name} begins")
@@ -154,13 +154,13 @@ def _check_decided(state: State, fresh: State, settings: Settings | None) -> Non
 
 
 def _chooses_walk(settings: Settings) -> bool:
-    """Return whether the start-up chooses the random walk of the offset: that of Kalman tracking beside a model."""
+    """Return whether the start-up chooses the random walk of the offset: Kalman tracking with the refined filter."""
     optimizer = settings.optimizer
     return settings.filter.follows_estimate and optimizer.keeps_covariance and not optimizer.keeps_colour
 
 
 def _check_positions(state: State) -> None:
-    """Check that integers lie in the ranges of the schema, and that numbers used as positions are whole."""
+    """Check that integers lie in the ranges of the schema, and that reals used as indices are integers in range."""
     from replant.kernels.filters import bank
 
     rows, size = state.ints[ROWS:], len(state.recent)
@@ -178,7 +178,7 @@ def _check_positions(state: State) -> None:
 def _check_due(state: State, resolve_at: int, most: int, *, has_job: bool) -> None:
     if type(resolve_at) is not int or not 0 <= resolve_at < NEVER:
         raise DamagedCheckpointError("its time of solving the record again is not valid")
-    if state.attention or has_job:  # it was interrupted before it could do what was due, or does it
+    if state.attention or has_job:  # it was interrupted before the action that was due, or a job does it
         return
     dues = [due for due in (resolve_at, state.look_at) if due]
     if any(due <= state.samples for due in dues):
@@ -186,14 +186,14 @@ def _check_due(state: State, resolve_at: int, most: int, *, has_job: bool) -> No
     if room := state.room_until(most):
         dues.append(room)
     first = min(dues, default=0)
-    # in the background two updates before, too, and one after what was pending
+    # in the background also the two updates before it, and the one after a pending action
     stops = first, first - 1, first - 2, state.samples + 1
     if state.attention_at not in stops or (dues and not state.examines_output):
         raise DamagedCheckpointError("it does not wait for the sample at which something is due")
 
 
 def _times_are_sound(state: State) -> bool:
-    """How far the past inputs reach back sizes a loop: each came after an interval such as an identifier accepts."""
+    """Return whether all times are possible; the intervals of past inputs bound the length of a loop."""
     least = state.delay / (state.ring_size - 2) * (1.0 - 1e-9)
     began = not state.started or bool(((state.intervals > 0.0) & (state.intervals >= least)).all())
     past = state.past[: min(state.past_kept, PAST), 0]
@@ -203,7 +203,7 @@ def _times_are_sound(state: State) -> bool:
 
 
 def _numbers_are_sound(state: State) -> bool:
-    """Every number is as the schema says, the physical estimate is finite, and no variance is below 0."""
+    """Return whether numbers are in the ranges of the schema, the estimate is finite, and no variance is negative."""
     from replant.kernels.filters import bank
 
     arrays = state.banks, state.buffer[: state.buffer_filled], state.recent

@@ -1,13 +1,13 @@
-"""The bytes of a checkpoint: the complete state of an identifier, every number of the schema; they contain no code.
+"""The bytes of a checkpoint: the complete state of an identifier, with every number of the schema, and no code.
 
     magic (8), version (uint32), length of the header (uint32),
     header: JSON in ASCII, padded by blanks to a multiple of 8: every value that is not an array, and for each array its
         name, type, shape and number of stored rows; with ``background`` also whether a job is pending,
-    the arrays, one after the other: rows at the end whose bits are all zero are not stored, nor are work arrays; after
-        those of the state the numbers that it had when a pending job began,
+    the arrays, one after the other, without work arrays and without final rows whose bits are all zero; after the
+        arrays of the state those at the begin of a pending job,
     SHA-256 of all bytes above (32).
 
-All numbers are little-endian.  The checksum detects damage, not forgery: it is no signature.
+All numbers are little-endian.  The checksum detects damage, not forgery: it is not a signature.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ Progress = Mapping[str, int | float | str]
 
 MAGIC = b"\x89replant"
 
-VERSION = 7  # raised where the meaning of an entry changes; the layout is checked by itself [number]
+VERSION = 7  # increased when the meaning of an entry changes; the layout is checked separately [number]
 
 START = struct.Struct("<8sII")
 DIGEST = 32  # length of the checksum, of SHA-256 [bytes]
 LONGEST_HEADER = 2**20  # longest header that is read [bytes]
-LARGEST = 2**34  # largest array that is read, rows not stored included: no state needs 16 GiB [bytes]
+LARGEST = 2**34  # largest total of arrays, including rows not stored: no state needs 16 GiB [bytes]
 
-#: The attributes of an identifier that are no arrays, and their types.
+#: The attributes of an identifier that are not arrays, and their types.
 ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
     "_request": Request,
     "_settings": (Settings, type(None)),
@@ -64,12 +64,12 @@ ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
 }
 STATE = "_state"  # the attribute that is stored as arrays
 
-#: The header's entry of an identifier of several inputs, and of several structures, in the place of its attributes.
+#: The header's entry that replaces the attributes, for an identifier of several inputs, and of several structures.
 OTHERS = ROW, BANK = "row", "bank"
 #: The header's entries.
 HEADER = LAYOUT, ATTRIBUTE, PROGRESS, ARRAYS = "layout", "attributes", "progress", "arrays"
-BACKGROUND = "background"  # whether a job is pending; only where there may be one
-OF_JOB = "job_"  # before the names of its arrays
+BACKGROUND = "background"  # whether a job is pending; only for an identifier that solves in the background
+OF_JOB = "job_"  # prefix of the names of its arrays
 INT, FLOAT = "<i8", "<f8"  # types of arrays
 
 
@@ -77,7 +77,7 @@ INT, FLOAT = "<i8", "<f8"  # types of arrays
 class Contents:
     """The content of a checkpoint."""
 
-    attributes: dict[str, Any]  # of the identifier, without those that follow from others
+    attributes: dict[str, Any]  # attributes of the identifier, without those determined by others
     progress: dict[str, int | float | str]  # entries of the caller, such as the number of samples read and counters
 
 
@@ -99,7 +99,7 @@ def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> b
 
 
 def _written(state: State, names: Sequence[str]) -> dict[str, tuple[Any, int]]:
-    """Return arrays of a state in the order in which they are stored, each with the number of its rows in use."""
+    """Return the arrays of a state in the order of storage, each with the number of its rows in use."""
     arrays = {name: getattr(state, name) for name in names}
     arrays["reals"] = without_work(state.reals, *work_of(state.ints))
     filled = {"buffer": state.buffer_filled}  # searching a large buffer for its used rows would be slow
@@ -109,7 +109,7 @@ def _written(state: State, names: Sequence[str]) -> dict[str, tuple[Any, int]]:
 def encode_other(
     kind: str, plain: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]], progress: Progress | None
 ) -> bytes:
-    """Return the bytes of an identifier of another kind: values in terms of JSON, and arrays of any names."""
+    """Return the bytes of an identifier of another kind: values as JSON, and arrays with any names."""
     written = {name: np.asarray(array, INT if array.dtype.kind == "i" else FLOAT) for name, array in arrays.items()}
     shapes = [[name, array.dtype.str, list(array.shape)] for name, array in written.items()]
     return _sealed({kind: plain, PROGRESS: _plain(progress), ARRAYS: shapes, LAYOUT: layout_of_state()}, written)
@@ -139,10 +139,10 @@ def decode(data: bytes | bytearray | memoryview) -> Contents:
 
 @contextlib.contextmanager
 def described() -> Iterator[None]:
-    """Refuse what does not describe an identifier: a forged header fails with almost any exception."""
+    """Turn any exception into DamagedCheckpointError: a forged header fails with almost any of them."""
     try:
         yield
-    except (DamagedCheckpointError, MemoryError):  # a lack of memory does not mean that the checkpoint is damaged
+    except (DamagedCheckpointError, MemoryError):  # lack of memory does not mean that the checkpoint is damaged
         raise
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -171,7 +171,7 @@ def _checked(progress: Progress | None) -> dict[str, int | float | str]:
 def _rows_in_use(array: np.ndarray[Any, Any]) -> int:
     """Return the number of rows up to the last one with a bit set; a large buffer is often mostly empty."""
     bits = array.view(np.uint64)
-    # "all rows from this one on are zero" is monotone in the row
+    # bisection: "all rows from this one on are zero" is monotone in the row
     return bisect_left(range(len(bits)), True, key=lambda row: not bits[row:].any())
 
 
@@ -186,9 +186,7 @@ def _parts(data: bytes) -> tuple[dict[str, Any], memoryview]:
         raise DamagedCheckpointError("it is cut off")
     _, version, length = START.unpack_from(data)
     if version not in (BEFORE, VERSION):
-        known = (
-            f"this replant reads versions {BEFORE} and {VERSION}: go on with the replant that wrote it, or begin anew"
-        )
+        known = f"this replant reads versions {BEFORE} and {VERSION}: use the replant that wrote it, or begin anew"
         raise DamagedCheckpointError(f"its format is version {version}; {known}")
     view = memoryview(data)
     if hashlib.sha256(view[:-DIGEST]).digest() != data[-DIGEST:]:
@@ -231,7 +229,7 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     if set(header) - more != entries or type(header.get(BACKGROUND, False)) is not bool:
         raise DamagedCheckpointError("its header has other entries")
     if header[LAYOUT] != layout_of_state():
-        raise DamagedCheckpointError("it is of another version of replant, in which the state has another layout")
+        raise DamagedCheckpointError("it is of another version of replant, with another layout of the state")
     progress = _checked({name: from_plain(plain) for name, plain in header[PROGRESS].items()})
     if other is None:
         return Contents(_attributes(header, body), progress)
@@ -252,20 +250,20 @@ def _attributes(header: dict[str, Any], body: memoryview) -> dict[str, Any]:
     check_start(attributes["_request"], attributes["_hold"], reference=attributes["_reference"])
     state, job = _state(attributes, header[ARRAYS], body, has_job=header.get(BACKGROUND, False))
     in_background = {"_background": True, "_job": job} if BACKGROUND in header else {}
-    return attributes | {STATE: state, "_mapped": False} | in_background  # a callable map is not stored
+    return attributes | {STATE: state, "_mapped": False} | in_background  # a callable input map is not stored
 
 
 def _state(
     attributes: dict[str, Any], declared: list[Any], body: memoryview, *, has_job: bool
 ) -> tuple[State, Job | None]:
-    """Return the arrays of an identifier and the job that is pending, checked."""
+    """Return the arrays of an identifier and the pending job, checked."""
     settings: Settings | None = attributes["_settings"]
     request, reference, resolve_at = attributes["_request"], attributes["_reference"], attributes["_resolve_at"]
     if settings is not None:
         check_settings(settings, request, reference=reference)
     elif has_job:
-        raise DamagedCheckpointError("it has a model in work, and no record yet")
-    # rows in use of buffer and raw samples: no row in use is all zero
+        raise DamagedCheckpointError("it has a pending job, but no record yet")
+    # rows in use of buffer and raw samples, as no used row is all zero
     *_, (_, _, _, rows), (_, _, (room, *_), samples) = declared[: len(STATE_ARRAYS)]
     sizes = sizes_of(settings, request, room if type(room) is int else 0, reference=reference)
     shapes = {name: sizes.shapes[name] for name in STATE_ARRAYS}
@@ -293,7 +291,7 @@ def _state(
 
 
 def _arrays_of_any_names(declared: list[Any], body: memoryview) -> dict[str, Any]:
-    """Return the arrays of an identifier of another kind, which checks their shapes."""
+    """Return the arrays of an identifier of another kind; the caller checks their shapes."""
     arrays, begin = {}, 0
     for name, kind, shape in declared:
         if kind not in (INT, FLOAT) or any(type(size) is not int or size < 0 for size in shape):

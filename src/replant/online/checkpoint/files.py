@@ -1,11 +1,11 @@
 """A file that is complete at every moment: written under another name, synced, renamed; the previous one is kept.
 
-1. The new content is written to a file ``.new`` and forced to the disk.
+1. The new content is written to a file ``.new`` and synced to the disk.
 2. The present file gets the second name ``.old``.
 3. ``.new`` is renamed to the file's name, which replaces the file in one step.
 4. ``.old`` is renamed to ``.previous``, which replaces the previous file.
 
-The previous file is thus replaced last: if the present file is damaged, the previous one exists until the new one does.
+The previous file is replaced last: if the present file is damaged, the previous one exists until the new one does.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ LARGEST = 2**36  # largest file that is read as a checkpoint [bytes]
 
 
 def write(path: AnyPath, data: bytes) -> None:
-    """Replace the content of the file ``path`` by ``data``, and keep the file before as ``path`` + ".previous".
+    """Replace the content of the file ``path`` by ``data``, and keep the present file as ``path`` + ".previous".
 
-    When the function returns, the data are on the disk.  Only one process may write a file; any may read it meanwhile.
+    When the function returns, the data are on the disk.  Only one process may write a file; any process may read it.
     """
     file = _resolve_link(path)
     try:
@@ -66,7 +66,7 @@ def _resolve_link(path: AnyPath) -> Path:
     path = file_path("path", path)
     try:
         return Path(path).resolve()
-    except (OSError, ValueError, RuntimeError) as error:  # a circle of links, a zero byte
+    except (OSError, ValueError, RuntimeError) as error:  # circular links, or a zero byte in the name
         raise CheckpointError(f"{path}: no file can have this name ({reason_of(error)})") from error
 
 
@@ -98,7 +98,7 @@ def _clear(*files: Path) -> None:
 
 
 def _link_or_copy(file: Path, old: Path) -> bool:
-    """Give the file a second name, or copy it on a disk without hard links; return whether the file exists."""
+    """Give the file a second name, or copy it if the disk has no hard links; return whether the file exists."""
     try:
         old.hardlink_to(file)
     except FileNotFoundError:
@@ -111,7 +111,7 @@ def _link_or_copy(file: Path, old: Path) -> bool:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Force a change of names to the disk, where the system can."""
+    """Sync a change of names to the disk, if the system can."""
     if os.name == "nt":
         return
     descriptor = os.open(folder, os.O_RDONLY)

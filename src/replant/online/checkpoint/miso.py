@@ -26,17 +26,17 @@ from replant.verdict.verdict import STATUSES, Finding
 VECTORS = "theta", "weights", "scale", "origin", "tail", "delta", "factor", "diagonal", "counts", "squares"
 NUMBERS = "dt", "size", "power", "level", "waits"
 OF_NOISE = "coefficients", "models", "powers", "sums"
-#: The fields of a state that are findings, and those that are counts.
+#: The fields of a state that are findings, and those that are counts; the holds of the input.
 FINDINGS = "findings", "of_references"
 COUNTS = "samples", "solve_at", "solved_at", "started_at", "look_at", "record_began"
 HOLDS = "zoh", "foh"
-CLOCK = 3  # numbers of a clock, beside the sample that waits [count]
+CLOCK = 3  # numbers of a clock, without those of a sample held back [count]
 
 Arrays = dict[str, FloatArray]
 
 
 def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return settings and state as values of JSON, and as arrays."""
+    """Return settings and state as JSON values and arrays."""
     structures, dt, startup, history, hold, names = state.settings
     plain: dict[str, Any] = {
         "structures": [[each.poles, each.zeros, each.delay] for each in structures],
@@ -107,10 +107,10 @@ def restored(attributes: dict[str, Any]) -> RowState:
 
 
 def _clock(clock: FloatArray, columns: int, leaps: int) -> RowClock:
-    """Return a clock; a sample that waits has as many numbers as one that is kept, and counts as a leap so long."""
+    """Return a clock; a sample held back has as many numbers as one that is kept, and is counted as a leap."""
     held = clock[CLOCK:]
     _checked("clock", clock, (CLOCK + held.size if held.size in (0, columns) else CLOCK,))
-    numbers = np.delete(clock, -2) if held.size else clock  # the output of the sample that waits may be missing
+    numbers = np.delete(clock, -2) if held.size else clock  # the output of the sample held back may be missing
     if not (np.isfinite(numbers).all() and clock[1] >= 0.0 and (not held.size or leaps > 0)):
         raise DamagedCheckpointError("its clock is not valid")
     return RowClock(float(clock[0]), int(clock[1]), float(clock[2]), tuple(held.tolist()))
@@ -167,7 +167,7 @@ def _judges(size: int, arrays: Arrays) -> Iterator[Judge]:
 
 
 def _branches(models: Branches, arrays: Arrays, before: str = "") -> Branches:
-    """Return models with the states that are stored of them."""
+    """Return the models with their stored states."""
     for i, each in enumerate(models.arrays):
         for name, fresh in each.items():
             fresh[:] = _checked(name, arrays[f"{before}{name}.{i}"], fresh.shape)
@@ -177,7 +177,7 @@ def _branches(models: Branches, arrays: Arrays, before: str = "") -> Branches:
 
 
 def _taken(arrays: Arrays, before: str = "", /, **shapes: tuple[int, ...]) -> Arrays:
-    """Return arrays of these shapes."""
+    """Return the named arrays, after a check of their shapes."""
     return {name: _checked(name, arrays[before + name], shape) for name, shape in shapes.items()}
 
 

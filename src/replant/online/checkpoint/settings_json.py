@@ -1,4 +1,4 @@
-"""Settings as plain JSON and back, exactly: numbers to the bit, objects by the name of their class."""
+"""Exact conversion of settings to plain JSON and back: numbers to the bit, objects by the name of their class."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ KINDS: dict[str, type] = {
 
 #: The floats that JSON cannot express.
 UNUSUAL = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
-#: NumPy's types of numbers that can be stored.
+#: The NumPy types that can be stored.
 NUMBERS = ("|b1", "|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f2", "<f4", "<f8")
 
 
 def to_plain(name: str, value: Any) -> Any:
-    """Return ``value`` in terms of JSON; a value that JSON cannot express becomes an object with one tag."""
+    """Return ``value`` as JSON values; a value that JSON cannot express becomes an object with one tag."""
     kind = type(value)
     if value is None or kind in (bool, int, str):
         return value
@@ -70,7 +70,7 @@ def _reason(name: str, value: Any) -> str:
 
 
 def from_plain(plain: Any) -> Any:
-    """Return the value that `to_plain` was given."""
+    """Return the value that `to_plain` has converted."""
     if isinstance(plain, list):
         return [from_plain(entry) for entry in plain]
     if not isinstance(plain, dict):
@@ -94,7 +94,7 @@ def from_plain(plain: Any) -> Any:
         raise ValueError(f"{tag} has other settings here")
     with warnings.catch_warnings():  # the user was warned when the settings were chosen
         warnings.simplefilter("ignore")
-        built = kind(**fields)  # refuses invalid values
+        built = kind(**fields)  # raises for invalid values
     for key, entry in fields.items():
         if isinstance(entry, bool) and not isinstance(getattr(built, key), bool):
             raise TypeError(f"{key} is a truth value")

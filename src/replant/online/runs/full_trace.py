@@ -14,11 +14,11 @@ from replant.errors import LogError, MissingDependencyError
 from replant.logs.arrow import CHECKED, SUFFIXES
 from replant.online.trace import Trace, joined
 
-GROUP_ROWS = 1 << 17  # rows of a row group: what is held before it is written [rows]
+GROUP_ROWS = 1 << 17  # rows of a row group, which are held until it is written [rows]
 
 
 class FullTrace:
-    """Writes columns ``time [s]``, the parameters by name, and ``error``; no file is left if its ``with`` fails."""
+    """Writes the columns ``time [s]``, the parameters by name, and ``error``; leaves no file if its ``with`` fails."""
 
     def __init__(self, path: Path, dt: float) -> None:
         if path.suffix.lower() not in SUFFIXES:
@@ -58,7 +58,7 @@ class FullTrace:
             self._writer = None
 
     def _drop(self) -> None:
-        """Remove the unfinished file, if there is one, also if it cannot be closed because the disk is full."""
+        """Remove an unfinished file, even if it cannot be closed because the disk is full."""
         with contextlib.suppress(OSError):
             self._close()
         with contextlib.suppress(OSError):

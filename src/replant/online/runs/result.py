@@ -1,4 +1,4 @@
-"""The result of a run or of a fit, and what is kept of its record, which may come batch by batch."""
+"""The result of a run or of a fit, and the recorders of its clock and signals, which work batch by batch."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from replant.verdict import Assessment, Simulation
 if TYPE_CHECKING:
     from replant.online.bank_weights import Lead
 
-KNOTS = 36_000  # stamps kept of a record that is too long for memory: as many as its overview has points [count]
+KNOTS = 36_000  # stamps kept of a record that is too long for memory, as many as its overview has points [count]
 
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """When each sample of a record was taken, in s since the first one."""
+    """The time of each sample of a record, in s since the first one."""
 
-    dt: float  # sampling time in s; of an irregular clock the usual interval
-    # places, times: (V,): numbers of samples, ascending, and their times in s; of a regular clock the first sample's
+    dt: float  # sampling time in s; the usual interval of an irregular clock
+    # places, times: (V,): numbers of samples, ascending, and their times in s; one knot for a regular clock
     places: FloatArray = field(default_factory=lambda: np.zeros(1))
     times: FloatArray = field(default_factory=lambda: np.zeros(1))
     # shortest, longest: least and greatest interval of an irregular clock in s; NaN for a regular one
@@ -62,7 +62,7 @@ class Clock:
 
     @cached_property
     def _ends_of_gaps(self) -> IntArray:
-        """Which of the knots are the first ones behind a gap, (G,)."""
+        """Indices (G,) of the first knots after a gap."""
         between = np.diff(self.times) - self.dt * (np.diff(self.places) - 1.0)
         return gaps_of(np.append(self.dt, between), self.dt)
 
@@ -72,7 +72,7 @@ class Clock:
         return not math.isnan(self.shortest)
 
     def at(self, samples: npt.ArrayLike) -> FloatArray:
-        """Return the time in s of samples (V,), numbered from 0; fractions lie between two samples."""
+        """Return the time in s of samples (V,), numbered from 0; fractional numbers lie between two samples."""
         samples = np.asarray(samples, np.float64)
         beyond = self.dt * (np.minimum(samples, 0.0) + np.maximum(samples - self.places[-1], 0.0))
         found = np.interp(samples, self.places, self.times) + beyond
@@ -83,7 +83,7 @@ class Clock:
         return np.where(inside, held, found)
 
     def after(self, counts: npt.ArrayLike) -> FloatArray:
-        """Return the time in s at which so many samples (V,) had been taken, the last of them for one sampling time."""
+        """Return the time in s after so many samples (V,): one sampling time after the last of them."""
         counts = np.asarray(counts, np.float64)
         if not self.irregular:
             return np.asarray(counts * self.dt)
@@ -130,10 +130,9 @@ class ClockRecorder:
 
 @dataclass(frozen=True, eq=False)
 class Overview:
-    """What is kept of a record that is too long for memory."""
+    """The thinned signals and the newest samples of a record that is too long for memory."""
 
-    # input, output, model, residual: raw input, measured and simulated output, and their difference, over the whole
-    # record
+    # over the whole record: raw input, measured and simulated output, and their difference
     input: Thinned
     output: Thinned
     model: Thinned
@@ -141,12 +140,12 @@ class Overview:
     newest_input: FloatArray  # newest_input, newest_output: (N,): the newest samples, unchanged
     newest_output: FloatArray
     samples: int  # samples of the record
-    # (N,): of an irregular clock: when the newest samples were taken, in s since the first sample of the record
+    # (N,): times of the newest samples of an irregular clock, in s since the first sample of the record
     newest_times: FloatArray | None = None
 
 
 class Recorder:
-    """Collects the overview of a record and of its modelled output, which come batch by batch."""
+    """Collects the overview of a record and of its modelled output, batch by batch."""
 
     def __init__(self, length: int, newest: int | None = None) -> None:
         self.samples = 0
@@ -177,11 +176,11 @@ class Recorder:
                 thinner.take(signal)
 
     def output(self, shift: float) -> FloatArray:
-        """Return the newest samples of the modelled output, ``shift`` added."""
+        """Return the newest samples of the modelled output plus ``shift``."""
         return self._last(2) + shift
 
     def overview(self, shift: float) -> Overview | None:
-        """Return the overview, ``shift`` added to the modelled output; None if every sample is kept."""
+        """Return the overview, with ``shift`` added to the modelled output; None if every sample is kept."""
         if not self._thinners:
             return None
         u, y, model, residual = (thinner.thinned for thinner in self._thinners)
@@ -195,7 +194,7 @@ class Recorder:
         return whole[max(0, whole.size - self._newest) :]
 
 
-MOST_SHADES = 1000  # stretches left out that a plot tells apart [count]
+MOST_SHADES = 1000  # most stretches left out that a plot shows separately [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +204,7 @@ class History:
     Attributes
     ----------
     samples : (H,) array of int
-        After how many samples each row was taken.
+        Number of samples after which each row was taken.
     parameters : (H, P) array
     std : (H, P) array or None
         Standard deviation of each estimate, if the estimator gives it.
@@ -223,11 +222,11 @@ class Result:
     Attributes
     ----------
     model : Model
-        What is worth keeping: G(s), its uncertainty, its noise.
+        G(s) with its uncertainty and noise model.
     one_step : float
         Fit in percent, one step ahead.
     simulation : Simulation
-        The model's output beside the record, with its fit in percent.
+        The model's simulated output over the record, with its fit in percent.
     samples : int
         Accepted samples.
     rejected : dict
@@ -236,23 +235,23 @@ class Result:
     elapsed : float
         Duration of the computation in s.
     settings : Settings or None
-        Of an online run.
+        Settings of an online run.
     history : History or None
-        Of an online run.
+        History of an online run.
     overview : Overview or None
-        Of a record that is too long for memory; the simulation then holds only its newest samples.
+        Overview of a record that is too long for memory; the simulation then has only its newest samples.
     left_out : (R, 2) array of int
-        Samples that the fits leave out, as rows [begin, end) of the record: bridged, rejected, or without an output.
+        Samples left out of the fits, as rows [begin, end) of the record: bridged, rejected, or without an output.
     loads : (N,) array of int
-        Samples of the record since which another load acts: offset and initial state are other ones.
+        Samples of the record at which a new load begins to act: offset and initial state change.
     finished : bool
         Whether an online run ended with `Identifier.finish`.
     clock : Clock or None
-        When the samples were taken; None for a regular clock.
+        Times of the samples; None for a regular clock.
     weights : tuple
-        Of structures that learned side by side: each, and its probability.
+        Structures that learned side by side, each with its probability.
     leads : tuple of Lead
-        Which of them was served, and since when.
+        The leading structures, each with the sample since which it led.
     """
 
     model: Model
@@ -273,7 +272,7 @@ class Result:
     leads: tuple[Lead, ...] = ()
 
     def without_rest(self, rest: int) -> Result:
-        """Return the result with the counts of the record alone, before which `from_rest` put ``rest`` samples."""
+        """Return the result with counts that do not include the ``rest`` samples added by `from_rest`."""
         samples, rejected = self.samples - rest, without_rest(self.rejected, "no output", rest)
         made = replace(self.model.provenance, samples=samples)
         model = replace(self.model, rejected=tuple(rejected.items()), provenance=made)
@@ -306,16 +305,16 @@ class Result:
 
     @property
     def covariance(self) -> FloatArray | None:
-        """Of the parameters (P, P), in their units squared, if the estimator gives it."""
+        """Covariance of the parameters (P, P), in their units squared, if the estimator gives it."""
         return self.model.covariance
 
     @property
     def noise(self) -> NoiseModel | None:
-        """The model of the residual, where the method has one."""
+        """The noise model, if the method has one."""
         return self.model.noise
 
     def left_out_over_time(self, dt: float) -> FloatArray:
-        """Return begin and end of stretches left out, and of gaps, (L, 2) in s; those close together are joined."""
+        """Return begin and end of stretches left out and of gaps, (L, 2) in s; close stretches are joined."""
         samples = self.overview.samples if self.overview else self.simulation.output.size
         rows = joined(self.left_out, max(1, samples // MOST_SHADES)) - np.array([1.0, 0.0])
         clock = self.clock_of(dt)
@@ -323,7 +322,7 @@ class Result:
         return np.concatenate([found, clock.gaps]) if clock.irregular else found
 
     def residual(self, y: FloatArray) -> FloatArray:
-        """Return the newest measured outputs (K,) minus the simulated ones; NaN for samples that are left out."""
+        """Return the newest measured outputs (K,) minus the simulated ones; NaN for samples left out."""
         first = (self.overview.samples if self.overview else y.size) - y.size
         with np.errstate(over="ignore", invalid="ignore"):
             return np.where(flags_of(self.left_out, first, y.size), np.nan, y - self.simulation.output)
@@ -335,7 +334,7 @@ class Result:
 
     @property
     def fixed_filter(self) -> StateVariableFilter | None:
-        """The filter of an online run; 1/A of the result if it was the refined filter."""
+        """The filter of an online run; 1/A of the result for the refined filter."""
         if self.settings is None:
             return None
         return self.settings.filter.fixed_at(self.transfer_function.den, self.settings.dt)

@@ -29,19 +29,19 @@ from replant.online.startup import settle
 from replant.online.trace import Trace
 from replant.verdict import Simulation
 
-CHUNK = 1 << 13  # samples between two reports of progress: fewer than an identifier keeps [samples]
-PIECE = 1 << 15  # samples of the second pass that are looked at together [samples]
-MOST_ROWS = 10_000  # rows of history kept: more than a plot can show [rows]
-SETTLED = 1_000_000  # samples looked at where choices are made from the record beforehand [samples]
+CHUNK = 1 << 13  # samples between two reports of progress, fewer than an identifier keeps [samples]
+PIECE = 1 << 15  # samples of a batch in the second pass [samples]
+MOST_ROWS = 10_000  # rows of history kept, more than a plot can show [rows]
+SETTLED = 1_000_000  # first samples used for choices made before the run [samples]
 IDENTIFYING, TESTING = "identifying", "testing"  # the stages of a run
-BANDS = 200  # times that standard deviations are taken along the way [count]
+BANDS = 200  # times at which standard deviations are recorded during a run [count]
 
 
-Batch = tuple[FloatArray, ...]  # input, output, the reference if there is one, the stamps if there are some; (K,) each
+Batch = tuple[FloatArray, ...]  # (K,) each: input, output, the reference if any, the stamps if any
 
 
 class Source(Protocol):
-    """A record of known length whose batches, of any sizes, can be read repeatedly."""
+    """A record of known length; its batches, of any sizes, can be read repeatedly."""
 
     @property
     def samples(self) -> int:
@@ -52,12 +52,12 @@ class Source(Protocol):
         """Whether every sample is finite."""
 
     def batches(self) -> Iterator[Batch]:
-        """Yield raw input, output, the reference if there is one, and stamps in s if there are some, batch by batch."""
+        """Yield batches of raw input, output, the reference if any, and stamps in s if any."""
 
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """A record in memory as a source: input, output, perhaps a reference, perhaps stamps of an irregular clock (K,)."""
+    """A record in memory as a source: input and output (K,); optional reference and stamps of an irregular clock."""
 
     input: FloatArray
     output: FloatArray
@@ -81,7 +81,7 @@ class Arrays:
 
 
 def batched(batches: Iterable[Batch], size: int) -> Iterator[Batch]:
-    """Yield a record in batches of ``size``, however it came, the last one shorter; of an empty one one batch."""
+    """Yield a record in batches of ``size``, the last one shorter; an empty record as one empty batch."""
     held: list[Batch] = []
     some = False
     for batch in batches:
@@ -132,7 +132,7 @@ def run_source(
     startup: int | None = None,
     irregular: bool = False,
     with_history: bool = True,
-    structures: Sequence[Structure] = (),  # in place of the request's: they learn side by side, the lead is the result
+    structures: Sequence[Structure] = (),  # instead of the request's: they learn side by side, the lead is the result
 ) -> Result:
     """Identify a record of any length in one pass; a second pass simulates the model and computes its fits."""
     begun = time.perf_counter()
@@ -145,7 +145,7 @@ def run_source(
     dt = members[0].dt
     chunk = min(CHUNK, max(1, source.samples // BANDS))
     done, stamped = 0, _needs_stamps(request, source)
-    ends: list[float] = []  # the first stamp and the last
+    ends: list[float] = []  # the first and the last stamp
     for batch in batched(source.batches(), FITTED):
         u, y, r, t = _signals(batch, irregular=irregular)
         if t is not None and t.size:
@@ -190,15 +190,15 @@ def run_source(
 
 
 def _signals(batch: Batch, *, irregular: bool) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]:
-    """Return input, output, reference or None, and stamps or None of a batch."""
+    """Return input, output, reference (or None) and stamps (or None) of a batch."""
     u, y, *others = batch
     t = others.pop() if irregular and others else None
     return u, y, others[0] if others else None, t
 
 
 def _needs_stamps(request: Request, source: Source) -> bool:
-    """Return whether a run on a regular clock needs stamps: without them missing samples take no time."""
-    # the article's filters need a regular clock, so that they get no stamps
+    """Return whether a run on a regular clock needs stamps, so that missing samples take their time."""
+    # the article's filters need a regular clock, so they get no stamps
     regular_only = isinstance(request.filter, Filter) and request.filter.regular_only
     return not source.complete and not regular_only
 
@@ -214,7 +214,7 @@ def _identifier(request: Request, source: Source, startup: int | None, *, irregu
 
 
 class _History:
-    """Keeps every so many rows of the traces: at least `MOST_ROWS` of a long record, and fewer than twice as many."""
+    """Keeps evenly spaced rows of the traces: of a long record at least `MOST_ROWS`, and fewer than twice as many."""
 
     def __init__(self, samples: int, size: int) -> None:
         self._stride, self._seen = max(1, samples // MOST_ROWS), 0
@@ -226,7 +226,7 @@ class _History:
         self._seen += len(trace)
 
     def end(self, parameters: FloatArray, std: FloatArray) -> None:
-        """Replace the newest row by the estimate that the whole record gave."""
+        """Replace the newest row by the final estimate from the whole record."""
         if len(self._rows) > 1 and len(self._rows[-1]):
             self._rows[-1][-1] = parameters
             self._bands[-1] = self._bands[-1].copy()
@@ -240,16 +240,16 @@ class _History:
 
 
 class _Bridged:
-    """Collects which samples of the record an identifier bridged, from the samples that it keeps after each chunk."""
+    """Collects the samples of the record that an identifier has bridged, read from its raw samples after each chunk."""
 
     def __init__(self, identifier: Identifier) -> None:
         self._identifier = identifier
         self._samples = 0  # samples of the record noted so far
-        self._accepted: list[BoolArray] = []  # of those since then, which an identifier that is starting holds back
+        self._accepted: list[BoolArray] = []  # which of the later samples are accepted, as a start-up collects them
         self._found = [NONE]
-        self._all: list[BoolArray] = []  # accepted ones of the whole record, while it is short enough to be solved
+        self._all: list[BoolArray] = []  # which of all samples are accepted, while the record is short enough to solve
         self._seen = 0
-        self.loads = np.zeros(0, np.int64)  # samples since which another load acts
+        self.loads = np.zeros(0, np.int64)  # samples at which a new load begins to act
 
     def take(self, u: FloatArray, y: FloatArray) -> None:
         """Take the samples (K,) that the identifier has just been given."""
@@ -265,14 +265,14 @@ class _Bridged:
             self.note()
 
     def note(self) -> None:
-        """Note which samples since the last note were bridged; of a long start-up only the newest are kept."""
+        """Note which samples since the last note were bridged; a long start-up keeps only the newest ones."""
         accepted = np.concatenate([np.empty(0, bool), *self._accepted])
         self._found.append(_stretches_among(accepted, self._identifier.bridged, self._samples))
         self._samples += accepted.size
         self._accepted = []
 
     def note_again(self) -> None:
-        """Note what the solution of the whole record has left out, in place of what was bridged on the way."""
+        """Replace the bridged samples by those that the solution of the whole record leaves out."""
         left_out = self._identifier.left_out
         if left_out.size and self._all:
             accepted = np.concatenate(self._all)
@@ -281,12 +281,12 @@ class _Bridged:
 
     @property
     def stretches(self) -> IntArray:
-        """Of the whole record, (R, 2)."""
+        """The stretches of bridged samples in the whole record, (R, 2)."""
         return np.concatenate(self._found)
 
 
 def _stretches_among(accepted: BoolArray, doubted: BoolArray, first: int = 0) -> IntArray:
-    """Return where the newest accepted samples (K,) are doubted, which says so of the newest of them alone, (R, 2)."""
+    """Return the stretches (R, 2) of doubted samples; ``doubted`` has a flag for each of the newest accepted ones."""
     places, flags = np.flatnonzero(accepted), np.zeros(accepted.size, bool)
     count = min(places.size, doubted.size)
     flags[places[places.size - count :]] = doubted[doubted.size - count :]
@@ -294,7 +294,7 @@ def _stretches_among(accepted: BoolArray, doubted: BoolArray, first: int = 0) ->
 
 
 class _Tested:
-    """The second pass: the model beside the record, its fits, and which samples they leave out."""
+    """The second pass: simulation of the model over the record, its fits, and the samples they leave out."""
 
     def __init__(
         self, identifier: Identifier, samples: int, newest: int | None, span: float, loads: Sequence[int]
@@ -308,7 +308,7 @@ class _Tested:
         self.clock = ClockRecorder(identifier.dt, samples, samples if newest is None else KNOTS)
         self._preprocess, self._chosen = request.preprocess, settings.preprocess if settings else None
         state = identifier._state
-        # distance from which on the identifier took an input that stood alone for misread, and from where
+        # an input farther than ``_misread`` from ``_usual`` was rejected by the identifier as misread
         self._misread, self._usual = math.inf, 0.0
         if settings is not None and identifier.rejected["input leap"]:
             self._misread, self._usual = INPUT_LEAP * math.sqrt(state.largest_power), state.input_mean
@@ -324,7 +324,7 @@ class _Tested:
         accepted, _ = screen(mapped, y)
         used = accepted & ~flags_of(bridged, self.record.samples, u.size)
         self.left_out.append(stretches_of(~used, self.record.samples))
-        known = screen(mapped, np.zeros(u.size))[0]  # the input of a sample without an output acts all the same
+        known = screen(mapped, np.zeros(u.size))[0]  # the input of a sample without an output still acts
         driven = np.where(known, mapped - float(self._chosen.input_offset), np.nan)
         modelled = self.score.take(driven, np.where(used, y, np.nan), t)
         self.record.take(u, y, modelled, used, t)
@@ -333,13 +333,13 @@ class _Tested:
 
     @property
     def simulation(self) -> Simulation:
-        """Of the newest samples that are kept."""
+        """The simulation of the newest samples that are kept."""
         score = self.score
         return Simulation(self.record.output(score.shift), score.offset, score.simulated, is_prediction=self._predicts)
 
 
 def _pieces(source: Source, *, irregular: bool) -> Iterator[tuple[FloatArray, FloatArray, FloatArray | None]]:
-    """Yield a record: first the samples that the initial state is fitted over, then pieces that fit into a cache."""
+    """Yield a record: first the samples used to fit the initial state, then pieces that fit into the cache."""
     first = True
     for batch in batched(source.batches(), FITTED):
         u, y, _, t = _signals(batch, irregular=irregular)

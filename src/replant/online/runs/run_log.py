@@ -1,4 +1,4 @@
-"""`rp.run`, one online pass over a log or arrays, and the comparison of methods on the same record."""
+"""`rp.run`, one online pass over a log or arrays, and the comparison of several methods on one record."""
 
 from __future__ import annotations
 
@@ -79,37 +79,36 @@ def run(
     Parameters
     ----------
     u : (K,) or (K, q) array, Log, list of Log, or table
-        Raw input, or a column for each of q; or a log with input, output and sampling time; or several logs of one rig,
-        which give one model.
+        Raw input, or a column for each of q inputs; or a log with input, output and sampling time; or several logs of
+        one rig, which give one model.
     y : (K,) array
-        Output, or (K, p) of p outputs, each identified by itself.
+        Output, or (K, p) for p outputs, each identified separately.
     dt : float
         Sampling time in s.
     structure : Structure or list of Structure
-        Or ``poles``, ``zeros`` and ``delay`` in its place.  Of two to ten, which learn side by side, the result is that
-        of the most probable one that is trusted, see `Identifier`.
+        Alternatively give ``poles``, ``zeros`` and ``delay``.  Two to ten structures learn side by side; the result is
+        that of the most probable trusted one, see `Identifier`.
     poles, zeros : int or tuple of int
-        Number of poles and of zeros; of several inputs an entry for each.  Of several outputs these are those of all,
-        or a tuple for each output.
+        Numbers of poles and zeros; with several inputs an entry for each.  With several outputs these hold for all, or
+        there is a tuple for each output.
     delay : float or tuple of float
         Dead time in s.
     optimizer : Optimizer or str
-        See `Identifier`; of several inputs, which take no ``preprocess`` either, "auto".
+        See `Identifier`.  With several inputs it must be "auto", and ``preprocess`` the default.
     preprocess : Preprocess
         Input map and working point, by default the record's mean.
     t : (K,) array, optional
-        Time stamps in s, strictly increasing, of an irregular clock.
+        Time stamps of an irregular clock in s, strictly increasing.
     reference : (K,) array, optional
-        Where a controller makes the input, see `fit`.
+        Reference of a controller that makes the input, see `fit`.
     input, output : str, optional
-        Columns, several as a list, of a table of pandas or polars, which is given in place of ``u``; ``t`` and
-        ``reference`` may name columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or
-        the index.
+        Column names (several as a list) if ``u`` is a table of pandas or polars; ``t`` and ``reference`` may name
+        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
 
     Returns
     -------
     Result, RowFit or MatrixFit
-        A RowFit of several inputs, a MatrixFit of several outputs.
+        A RowFit for several inputs, a MatrixFit for several outputs.
 
     Raises
     ------
@@ -147,7 +146,7 @@ def run(
 
 
 def first_model(samples: int) -> int:
-    """Return from how many samples the first model is made where nobody says: a tenth, at most `RECENT`."""
+    """Return the default number of samples for the first model: a tenth, at most `RECENT`."""
     return min(max(samples // 10, 1), RECENT)
 
 
@@ -157,7 +156,7 @@ def run_row(
     startup: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> RowFit:
-    """Return the row that a `RowIdentifier` makes of a record; ``orders`` are poles, zeros and delay of each input."""
+    """Identify a record of several inputs by a `RowIdentifier`; ``orders``: poles, zeros and delay of each input."""
     if given.begins:
         raise InvalidArgumentError("a pass over several inputs takes one log: give one, or use fit for several")
     u, y = columns_of(given.inputs), vector("y", given.y)
@@ -173,7 +172,7 @@ def run_row(
     )  # fmt: skip
     screened = Screened.of(RowClock(), u, y, t, np.empty((y.size, 0)), -np.inf, given.dt, ident.request.closest)
     if t is None and not screened.is_taken.all():
-        t = given.dt * np.arange(y.size, dtype=np.float64)  # a sample that is left out takes its time nevertheless
+        t = given.dt * np.arange(y.size, dtype=np.float64)  # a sample that is left out still takes its time
     for begin in range(0, y.size, CHUNK):
         rows = slice(begin, begin + CHUNK)
         stamps, references = (None if each is None else each[rows] for each in (t, given.references))
@@ -194,12 +193,12 @@ def run_row(
     began, *loads = (int(taken[each]) for each in ident.begins)
     ready = RowRecord.of(u, y, given.dt, t, given.input_hold, (began, *loads))
     output = ready.simulated(*evaluated(model, ready))
-    output[:began] = np.nan  # what the estimate is not of
+    output[:began] = np.nan  # before the record that the estimate is made from
     return RowFit(model, output, none, none, missing)
 
 
 def judged_by_log(result: Result, log: Log) -> Result:
-    """Return the result of a run over a whole log; its verdict is told by all of that, as the one of `fit` is."""
+    """Return the result with a verdict from the whole log, as that of `fit`."""
     settings = result.settings
     if settings is None or not result.parameters.any() or log.earlier:
         return result
@@ -221,9 +220,9 @@ def judged_by_log(result: Result, log: Log) -> Result:
 
 DEFAULT = "default"
 OFFLINE = ("srivc", "least_squares")
-#: What can be compared: replant's default, every optimizer, and the fits of the whole record.
+#: The methods that can be compared: replant's default, every optimizer, and the fits of the whole record.
 METHODS = (DEFAULT, *OPTIMIZERS, *OFFLINE)
-#: What is compared by default: replant's default, two of the article's optimizers, and the fits of the whole record.
+#: The methods compared by default: replant's default, two of the article's optimizers, fits of the whole record.
 USUAL = (DEFAULT, "amsgrad", "gradient", *OFFLINE)
 TRIAL = 500  # samples of a trial run [samples]
 
@@ -234,7 +233,7 @@ class Contender:
 
     name: str  # name of the method
     result: Result | None  # None if the method found no model
-    fitted: FitResult | None = None  # the fit of an offline method
+    fitted: FitResult | None = None  # the fit, for an offline method
     problem: str = ""  # why there is no result
 
 
@@ -247,7 +246,7 @@ def compare(
     reference: FloatArray | None = None,
     t: FloatArray | None = None,
 ) -> list[Contender]:
-    """Identify the same record by each of ``methods``; a method that fails is reported, and the others go on."""
+    """Identify the same record by each of ``methods``; a method that fails is reported and does not stop the others."""
     contenders = []
     for name in methods:
         name = one_of("method", name, METHODS)
@@ -255,7 +254,7 @@ def compare(
         if name not in OFFLINE:
             asked = replace(request, optimizer=AUTO if name == DEFAULT else name)
         r = reference if (name == "srivc" if name in OFFLINE else asked.takes_reference) else None
-        with contextlib.suppress(ReplantError):  # a trial run first: loading kernels is not the method's time
+        with contextlib.suppress(ReplantError):  # a trial run first, so that loading the kernels is not timed
             first_r, first_t = (None if signal is None else signal[:TRIAL] for signal in (r, t))
             _identify(name, asked, u[:TRIAL], y[:TRIAL], first_r, first_t, progress)
         try:
