@@ -1,4 +1,4 @@
-"""The errors that replant raises for a user's mistake: one hierarchy; each message is one line that says what to do."""
+"""The errors that replant raises for a user's mistake: one hierarchy; each message is one line with the remedy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SHOWN = 60  # longest text of one value within a message [characters]
 class ReplantError(Exception):
     """Base of all errors of this package; the command line prints its message and exits with code 2.
 
-    The message is one line of at most 400 characters: of a longer one the middle is left out.
+    The message is one line of at most 400 characters; the middle of a longer message is left out.
     """
 
     def __init__(self, message: object = "", *more: object) -> None:
@@ -22,7 +22,7 @@ class ReplantError(Exception):
 
 
 def brief(text: str, longest: int = LONGEST) -> str:
-    """Return a text in one line, without its middle where it is longer: what is wrong comes first, what to do last.
+    """Return a text as one line; a longer text loses its middle, as the problem comes first and the remedy last.
 
     >>> brief("the name 'one of a great many words' is too long: choose another one", 54)
     "the name 'one of a great many w ... choose another one"
@@ -35,7 +35,7 @@ def brief(text: str, longest: int = LONGEST) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a value as a message shows it: in one short line, however long or deep it is.
+    """Return a value as one short line for a message, however long or deeply nested it is.
 
     >>> shown("volt"), shown(10**5000), shown([1.0] * 1000)
     ("'volt'", 'a whole number of 5001 digits', '[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, ...]')
@@ -44,10 +44,10 @@ def shown(value: object) -> str:
 
 
 class _Short(reprlib.Repr):
-    """A short text of any value, whole numbers of any size among them."""
+    """Short text of any value, also of a whole number of any size."""
 
     def repr_int(self, x: int, level: int) -> str:
-        if abs(x) >= 10**SHOWN:  # of more than 4300 digits Python itself prints none
+        if abs(x) >= 10**SHOWN:  # Python refuses to print more than 4300 digits
             return f"a whole number of {int(x.bit_length() * math.log10(2)) + 1} digits"
         return super().repr_int(x, level)
 
@@ -78,7 +78,7 @@ class MissingDependencyError(ReplantError, ImportError):
 
 @contextmanager
 def needs(what: str, extra: str) -> Iterator[None]:
-    """Have an import that fails say what needs the package, and the extra that installs it."""
+    """Turn a failed import into an error that names what needs the package and the extra that installs it."""
     try:
         yield
     except ImportError as cause:
@@ -86,11 +86,11 @@ def needs(what: str, extra: str) -> Iterator[None]:
 
 
 class SystemRefusedError(ReplantError):
-    """The system grants no more memory, files, threads or disk space: the message says for what, and what to do."""
+    """The system grants no more memory, files, threads or disk space: the message names the use and the remedy."""
 
 
 class InUseError(ReplantError, RuntimeError):
-    """A call was made within another one on the same object: the message says from where, and what to do instead."""
+    """A call was made during another call on the same object: the message names the caller and the remedy."""
 
 
 class UnsupportedDependencyError(ReplantError, ImportError):
@@ -106,4 +106,4 @@ class DamagedCheckpointError(CheckpointError, ValueError):
 
 
 class MissingCheckpointError(CheckpointError, FileNotFoundError):
-    """There is no checkpoint under this name, nor a previous one beside it."""
+    """Neither a checkpoint of this name nor a previous version of it exists."""

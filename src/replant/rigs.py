@@ -59,7 +59,7 @@ class Rig:
 
     @property
     def preprocess(self) -> Preprocess:
-        """The input map and working point with which an identifier finds the linear plant."""
+        """The input map and the working point that an identifier needs to find the linear plant."""
         rest = Preprocess(self.input_map).map_input(np.array([self.input_rest]))[0]
         return Preprocess(self.input_map, float(rest), self.output_rest)
 
@@ -77,7 +77,7 @@ class Rig:
         return still + self.crept(u.size) if self.creep else still
 
     def crept(self, samples: int) -> FloatArray:
-        """Return the creep (K,) that is added to the output.
+        """Return the creep (K,) of the output.
 
         Examples
         --------
@@ -134,7 +134,7 @@ def deap_voltage(samples: int, seed: int = 0) -> FloatArray:
     samples : int
         Number of samples K.
     seed : int
-        Of the random steps.
+        Seed of the random steps.
 
     Examples
     --------

@@ -10,8 +10,8 @@ from replant.errors import InvalidArgumentError, shown
 from replant.numerics.arguments import FloatArray, between, finite, positive, vector, whole
 from replant.numerics.limits import count, duration
 
-# Feedback taps (stages counted from 1) with which a shift register runs through all 2^n - 1 states.  SciPy's own taps
-# give other sequences of the same length; these stay so that a seed keeps its sequence.
+# Feedback taps (stages counted from 1) that give a shift register its maximum period of 2^n - 1 states.  SciPy's
+# default taps give other sequences of the same length; these taps are fixed so that a seed keeps its sequence.
 _TAPS = {
     2: (2, 1), 3: (3, 2), 4: (4, 3), 5: (5, 3), 6: (6, 5), 7: (7, 6), 8: (8, 6, 5, 4), 9: (9, 5), 10: (10, 7),
     11: (11, 9), 12: (12, 11, 10, 4), 13: (13, 12, 11, 8), 14: (14, 13, 12, 2), 15: (15, 14), 16: (16, 15, 13, 4),
@@ -20,7 +20,7 @@ _TAPS = {
 
 LARGEST_RMS = 1e300  # largest standard deviation of noise that stays within float64 [the signal's unit]
 LONGEST_STEP = 40.0  # longest step, longer than any signal in memory [logarithm of samples]
-MOST_TURNS = 1e15  # turns of a sine of which float64 still tells the angle [turns]
+MOST_TURNS = 1e15  # most turns of a sine whose angle float64 still resolves [turns]
 
 
 def square(samples: int, period: float, dt: float, amplitude: float = 1.0) -> FloatArray:
@@ -76,7 +76,7 @@ def prbs(samples: int, *, bits: int = 10, hold: int = 1, amplitude: float = 1.0,
     --------
     >>> prbs(7, bits=3)
     array([ 1., -1., -1.,  1., -1.,  1.,  1.])
-    >>> float(prbs(1023, bits=10).sum())          # one value more of one sign than of the other
+    >>> float(prbs(1023, bits=10).sum())          # one sign occurs once more than the other
     1.0
     """
     samples, bits, hold = count("samples", samples, 0, 4), whole("bits", bits, 2, max(_TAPS)), whole("hold", hold, 1)
@@ -188,13 +188,13 @@ def chirp(samples: int, dt: float, first: float, last: float, amplitude: float =
     >>> float(chirp(5, 0.1, first=0.5, last=2.0)[0])
     0.0
     """
-    # `scipy.signal.chirp` is a cosine; with a phase of -90 degrees it differs in the last digits, and is not 0 at t = 0
+    # `scipy.signal.chirp` is a cosine: with a phase of -90 degrees it has rounding errors and is not exactly 0 at t = 0
     samples, dt, amplitude = count("samples", samples, 1, 8), duration("dt", dt), finite("amplitude", amplitude)
     first, last = positive("first", first), positive("last", last)
     t, lasts = np.arange(samples) * dt, samples * dt
     if max(first, last) * lasts > MOST_TURNS:
         raise InvalidArgumentError(
-            f"first and last must be smaller, got {first:g} and {last:g} Hz: float64 does not tell so many turns apart"
+            f"first and last must be smaller, got {first:g} and {last:g} Hz: float64 cannot resolve so many turns"
         )
     if first == last:
         return np.asarray(amplitude * np.sin(2 * np.pi * first * t))

@@ -34,7 +34,7 @@ try:
 except ImportError as cause:
     raise MissingDependencyError("replant.sklearn needs scikit-learn: pip install 'replant[sklearn]'") from cause
 
-RECENT = 10_000  # samples kept by `partial_fit`: the working point of the output is that of these [samples]
+RECENT = 10_000  # samples that `partial_fit` keeps; they give the output's working point [samples]
 
 
 class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
@@ -42,40 +42,40 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
     .. math:: \hat y(t) = y_0 + \sum_i G_i(s) \, (u_i(t) - u_{0,i})
 
-    ``fit`` takes the whole record (`replant.fit`), ``partial_fit`` goes on with the next rows (`replant.Identifier`).
-    A dynamic system has a memory: rows may not be shuffled, and a prediction is from rest at the working point, so its
-    first rows miss what happened before.  To cross-validate, take splits that keep the order
+    ``fit`` uses the whole record (`replant.fit`); ``partial_fit`` continues with the next rows (`replant.Identifier`).
+    A dynamic system has a memory, so rows must not be shuffled.  A prediction starts from rest at the working point, so
+    its first rows lack the response to earlier inputs.  Cross-validate with splits that keep the order
     (`sklearn.model_selection.TimeSeriesSplit`).
 
     Parameters
     ----------
     poles, zeros : int or tuple of int
-        Of several inputs ``poles`` has an entry for each column of X.
+        For several inputs, ``poles`` has one entry for each column of X.
     delay : float or tuple of float
         Dead time in s.
     dt : float
         Sampling time in s.
     method : {"auto", "srivc", "least_squares"}
-        Of ``fit`` with one input, see `replant.fit`.
+        Method of ``fit`` with one input, see `replant.fit`.
     column : int, optional
-        Which column of X is the input, where there is one.  None: X has a column for each input.
+        Column of X that is the only input.  None: every column of X is an input.
 
     Attributes
     ----------
     transfer_function_ : TransferFunction
-        G(s) of one input.
+        G(s), for one input only.
     transfer_functions_ : tuple of TransferFunction
-        That of each input.
+        G(s) of each input.
     parameters_ : (P,) array
-        Its coefficients, in the order of ``Structure.names``, those of one input after the other.
+        Coefficients in the order of ``Structure.names``, one input after the other.
     std_ : (P,) array
-        Their standard deviations; NaN where none are known.
+        Standard deviations of the coefficients; NaN if unknown.
     input_offset_, output_offset_ : float
-        The working point u_0, y_0; of several inputs u_0 is an array (q,).  After ``partial_fit`` y_0 is that of the
+        The working point u_0, y_0; for several inputs u_0 is an array (q,).  After ``partial_fit``, y_0 comes from the
         last 10000 rows.
     n_features_in_ : int
     feature_names_in_ : array
-        Where X has names.
+        Only if the columns of X have names.
 
     Examples
     --------
@@ -110,7 +110,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : (K, q) array
-            A column for each input; with ``column`` one of these is it.
+            One column for each input; with ``column``, that column is the only input.
         y : (K,) array
             Output.
 
@@ -131,15 +131,15 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         return self._use((found.transfer_function,), found.parameters, std, rest)
 
     def partial_fit(self, X: Any, y: Any) -> Self:
-        """Continue online with the rows that follow; the first call, also after ``fit`` or new parameters, starts anew.
+        """Continue online with the next rows; the first call, and one after ``fit`` or new parameters, starts anew.
 
-        Memory does not grow with the stream.  While the identifier holds samples back for its start-up, the model is
-        the one of these samples alone.  Give rows in chunks: each call costs some milliseconds in addition to its rows.
+        Memory does not grow with the stream.  During the identifier's start-up, the model is fitted to the samples that
+        the start-up holds.  Pass rows in chunks: each call costs some milliseconds in addition to its rows.
 
         Parameters
         ----------
         X : (K, q) array
-            A column for each input; with ``column`` one of these is it.
+            One column for each input; with ``column``, that column is the only input.
         y : (K,) array
             Output.
         """
@@ -163,7 +163,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
     @quiet
     def _adopt_row(self, ident: RowIdentifier) -> Self:
-        """Use the model of an identifier of several inputs; while there is none, one that knows the output's mean."""
+        """Use the model of an identifier of several inputs; before it has one, use the output's mean as the offset."""
         if not ident.has_model:
             ident = ident.clone()
             ident.finish()
@@ -174,7 +174,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
     @quiet
     def _adopt(self, ident: Identifier) -> Self:
-        """Use the identifier's model; during its start-up, the model that it would begin with."""
+        """Use the identifier's model; during its start-up, use the model that it would start with now."""
         if ident.settings is None:
             ident = ident.clone()
             ident.finish()
@@ -192,7 +192,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
     def _use(
         self, models: tuple[TransferFunction, ...], parameters: FloatArray, std: FloatArray, rest: tuple[Any, float]
     ) -> Self:
-        """Keep what scikit-learn finds in the attributes; ``rest`` is the working point."""
+        """Set the attributes that scikit-learn users read; ``rest`` is the working point."""
         if not self._has_row:
             (self.transfer_function_,) = models
         self.transfer_functions_, self.parameters_, self.std_ = models, parameters, std
@@ -205,7 +205,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : (K, q) array
-            A column for each input, rows in the order of time.
+            One column for each input, rows in the order of time.
         """
         check_is_fitted(self)
         u = self._input(_validated(self, X, dtype=np.float64, reset=False)) - self.input_offset_
@@ -226,7 +226,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : (K, q) array
-            A column for each input, rows in the order of time.
+            One column for each input, rows in the order of time.
         y : (K,) array
             Output.
         sample_weight : (K,) array, optional
@@ -243,7 +243,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
-        tags.regressor_tags.poor_score = True  # on scikit-learn's test data, which are no record of a dynamic system
+        tags.regressor_tags.poor_score = True  # scikit-learn's test data are not a record of a dynamic system
         return tags
 
     @property
@@ -251,7 +251,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         return iterable(self.poles)
 
     def _settings(self) -> tuple[tuple[Structure, ...], float, str]:
-        """Return the constructor's arguments, which scikit-learn wants kept as they were given, checked and plain."""
+        """Return the checked arguments; scikit-learn requires the constructor to store them unchecked."""
         method = one_of("method", self.method, METHODS)
         if not self._has_row:
             given: tuple[Any, ...] = self.poles, self.zeros, self.delay
@@ -286,13 +286,13 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
 
 def _orders(structures: tuple[Structure, ...]) -> dict[str, Any]:
-    """Return poles, zeros and dead times of several inputs, an entry for each."""
+    """Return poles, zeros and dead times of several inputs, one entry for each input."""
     return {name: tuple(getattr(each, name) for each in structures) for name in ("poles", "zeros", "delay")}
 
 
 @contextlib.contextmanager
 def _in_one_line() -> Iterator[None]:
-    """Raise what scikit-learn finds wrong with an argument as an error of ours: in one line."""
+    """Turn scikit-learn's error about an argument into a one-line error of this package."""
     try:
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             yield
@@ -303,7 +303,7 @@ def _in_one_line() -> Iterator[None]:
 
 
 def _validated(estimator: Any, *arrays: Any, **how: Any) -> Any:
-    """Return what scikit-learn's own check makes of X and y."""
+    """Return X and y as validated by scikit-learn."""
     with _in_one_line(), warnings.catch_warnings():
         warnings.simplefilter("error", ComplexWarning)
         try:

@@ -276,7 +276,7 @@ def test_the_next_command_repeats_all_references(capsys: Any, followed: Path, tm
 @every(
     "words, asked",
     [
-        ("one input takes one reference, got 2: give one of them", ["-i", "Q1", "-o", "T1", *SET_POINTS, "-p", "1"]),
+        ("one input takes one reference, got 2: give one reference", ["-i", "Q1", "-o", "T1", *SET_POINTS, "-p", "1"]),
         ("one input takes one reference", ["-i", "Q1", "-o", "T1", *SET_POINTS, "-p", "1:2"]),
         ("--reference r1 is given twice", [*NAMED, *SET_POINTS, "--reference", "r1", *ORDERS]),
         ("column 'r1' is a reference twice", [*NAMED, "--reference", "r1", "--reference", "R1", *ORDERS]),
@@ -297,7 +297,7 @@ def test_two_inputs_with_one_name_are_said_to_be_columns(capsys: Any, tmp_path: 
     path.write_text("t,u,u,y\n" + "".join(f"{k},{k % 7},{k % 5},{k % 3}\n" for k in range(100)))
     code, _, err = call(capsys, "fit", path, "-i", "1", "-i", "2", "-o", "y", "-p", "1,1")
     assert code == 2
-    assert err.endswith("columns 1, 2 are to be inputs, and are called 'u', 'u': give each a name of its own\n")
+    assert err.endswith("inputs must have different names, but columns 1, 2 are called 'u', 'u': rename them\n")
 
 
 def test_compare_takes_one_reference(capsys: Any, followed: Path) -> None:

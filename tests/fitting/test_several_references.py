@@ -112,7 +112,7 @@ def test_two_logs_have_them_one_behind_the_other() -> None:
 )
 def test_one_input_takes_one(call: Any, given: Any, more: dict[str, Any]) -> None:
     with pytest.raises(
-        rp.InvalidArgumentError, match="one input takes one reference, got 2: give one of them, or name"
+        rp.InvalidArgumentError, match="one input takes one reference, got 2: give one reference, or name"
     ):
         call(*given, poles=1, **more)
 

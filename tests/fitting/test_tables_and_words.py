@@ -55,7 +55,8 @@ def test_columns_may_have_labels_that_are_no_words_and_one_label_may_stand_twice
     np.testing.assert_allclose(fitted.parameters, WANTED, rtol=1e-9)
     twice = TABLE.assign(z=U).set_axis(["t", "u", "y", "z", "note", "z"], axis=1)
     np.testing.assert_allclose(rp.fit(twice, input="u", output="y", poles=1).parameters, WANTED, rtol=1e-9)
-    with pytest.raises(rp.InvalidArgumentError, match="input: 2 columns are called 'z'; give one's number, 3 or 5"):
+    problem = "input: 2 columns are called 'z'; give the number of one, 3 or 5"
+    with pytest.raises(rp.InvalidArgumentError, match=problem):
         rp.fit(twice, input="z", output="y", poles=1)
     np.testing.assert_allclose(rp.fit(twice, input=5, output="y", poles=1).parameters, WANTED, rtol=1e-9)
 
@@ -81,7 +82,8 @@ def test_an_index_that_counts_the_rows_is_no_clock() -> None:
 
 
 def test_a_column_that_is_no_number_is_named() -> None:
-    with pytest.raises(rp.ArgumentTypeError, match="the table: row 1, column 'note': 'a' is no number and no date"):
+    problem = "the table: row 1, column 'note': 'a' is neither a number nor a date"
+    with pytest.raises(rp.ArgumentTypeError, match=problem):
         rp.fit(TABLE, input="note", output="y", poles=1)
 
 
@@ -89,7 +91,7 @@ def test_a_column_that_is_no_number_is_named() -> None:
 def test_a_cell_that_is_no_number_is_named_with_its_row(cell: Any) -> None:
     column = TABLE["u"].astype(object)
     column.iloc[7] = cell
-    with pytest.raises(rp.ArgumentTypeError, match=r"the table: row 8, column 'v': .* is no number and no date"):
+    with pytest.raises(rp.ArgumentTypeError, match=r"the table: row 8, column 'v': .* is neither a number nor a date"):
         rp.fit(TABLE.assign(v=column), input="v", output="y", poles=1)
 
 
@@ -97,7 +99,7 @@ def test_a_cell_that_is_no_number_is_named_with_its_row(cell: Any) -> None:
 def test_a_stamp_that_is_no_time_is_named_with_its_row(stamp: Any) -> None:
     times = pd.Series(STAMPS.to_pydatetime(), dtype=object)
     times.iloc[9] = stamp
-    with pytest.raises(rp.ArgumentTypeError, match=r"the table: row 10, column 't': .* is no number and no date"):
+    with pytest.raises(rp.ArgumentTypeError, match=r"the table: row 10, column 't': .* is neither a number nor a date"):
         rp.read_log(TABLE.assign(t=times), input="u", output="y", time="t")
 
 
@@ -175,9 +177,9 @@ def test_a_table_is_read_as_a_file_of_it_is(tmp_path: Path) -> None:
     sparse["time [ms]"] *= 1000.0
     sparse = sparse.loc[[*range(100), 99, 99, 99, *range(100, 600)]].reset_index(drop=True)
     sparse.to_csv(tmp_path / "log.csv", index=False)
-    with pytest.warns(UserWarning, match=r"log.csv: .*(hold from each|repeat)"):
+    with pytest.warns(UserWarning, match=r"log.csv: .*(held until the next|repeat)"):
         of_file = rp.fit(rp.read_log(tmp_path / "log.csv", input="u", output="y"), poles=1)
-    with pytest.warns(UserWarning, match=r"the table: .*(hold from each|repeat)"):
+    with pytest.warns(UserWarning, match=r"the table: .*(held until the next|repeat)"):
         fitted = rp.fit(sparse, input="u", output="y", poles=1)
     np.testing.assert_array_equal(fitted.parameters, of_file.parameters)
     np.testing.assert_allclose(fitted.parameters, WANTED, rtol=1e-9)
@@ -234,7 +236,7 @@ def test_a_table_that_is_not_understood_is_answered(arguments: dict[str, Any], w
     ("more", "words"),
     [
         ({"t": "nope"}, "the time (t=...) must name a column, got 'nope'"),
-        ({"t": "t", "dt": DT}, "give one of the time column (t=...) and the sampling time (dt=...)"),
+        ({"t": "t", "dt": DT}, "give either the time column (t=...) or the sampling time (dt=...)"),
         ({"dt": -1.0}, "the sampling time (dt=...) must be finite and positive"),
         ({"t": "stop"}, "drop that row, or give the sampling time (dt=...) instead of a time column"),
     ],

@@ -321,7 +321,7 @@ def test_one_run_at_a_time_writes_a_folder(tmp_path: Path) -> None:
     [
         ({"method": "guess"}, "method"),
         ({"method": "fit", "optimizer": "adam"}, "an optimizer is that of the method run"),
-        ({"dt": 0.1, "time": "t"}, "give one of the time column"),
+        ({"dt": 0.1, "time": "t"}, "give either the time column"),
         ({"executor": "cluster"}, "is no executor; give threads:N"),
     ],
 )

@@ -215,8 +215,8 @@ BAD = {
     "empty": ("", "the file is empty"),
     "only blank lines and comments": ("\n# t,u,y\n\n", "the file is empty"),
     "header only": ("# rig\nt,u,y\n", "only a header (line 2) and no row of data"),
-    "one row": ("t,u,y\n0,1,2\n", "1 row of data where at least 2 are needed"),
-    "one row, no header": ("0,1,2\n", "1 row of data where at least 2 are needed"),
+    "one row": ("t,u,y\n0,1,2\n", "1 row of data, at least 2 are needed"),
+    "one row, no header": ("0,1,2\n", "1 row of data, at least 2 are needed"),
     "binary": (b"t,u,y\n\x00\x01\x02\n", "not a text file; export the log as CSV"),
     "date": ("t,u,y\n0,2024-05-01,2\n1,2024-05-02,3\n", "'2024-05-01' is not a number; convert dates"),
     "text after a quote": (

@@ -141,7 +141,7 @@ def test_columns_are_merged_with_the_time_first() -> None:
 def test_with_a_time_given_the_rasters_must_be_equal() -> None:
     found = table(y=signal([0, 1, 2], [5, 6, 7]), u=signal([0, 1, 2], [1, 2, 3]), v=signal([0, 1, 3], [1, 2, 3]))
     assert on_one_clock(found, {"input": 1, "output": 0}, is_timed=True)[0] is found
-    with pytest.raises(LogError, match="columns 'v', 'y' have different time stamps; leave the time"):
+    with pytest.raises(LogError, match="columns 'v', 'y' have different time stamps; leave out the time"):
         on_one_clock(found, {"input": 2, "output": 0}, is_timed=True)
 
 
@@ -157,7 +157,7 @@ def test_several_inputs_are_merged_as_one_is() -> None:
 def test_a_log_that_is_opened_with_its_time_is_not_merged(time: dict[str, Any]) -> None:
     stamps = [0, 1, 2, 3]
     found = table(clock=signal(stamps, stamps), y=signal(stamps, [5, 6, 7, 8]), v=signal([0, 1, 3, 4], [1, 2, 3, 4]))
-    with pytest.raises(LogError, match=r"columns 'v', 'y'.* have different time stamps; leave the time"):
+    with pytest.raises(LogError, match=r"columns 'v', 'y'.* have different time stamps; leave out the time"):
         open_recording(found, input="v", output="y", **time)
 
 
@@ -245,7 +245,9 @@ def test_an_input_that_is_written_apart_is_held(which: str, unit: float) -> None
     recording = open_recording(found, input="u", output="y")
     log = recording.held
     assert log is not None
-    assert re.fullmatch(r"log.csv: column 'u' is empty in [34]\d0 of [48]00 rows, and taken .*", *recording.table.notes)
+    assert re.fullmatch(
+        r"log.csv: column 'u' is empty in [34]\d0 of [48]00 rows; each value is held .*", *recording.table.notes
+    )
     np.testing.assert_array_equal(log.input, u)
     np.testing.assert_array_equal(log.output, t % 7.0)
     assert log.dt == 0.5

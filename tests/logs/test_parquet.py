@@ -95,7 +95,7 @@ def test_no_rows(save: Callable[[Any], Path]) -> None:
     import pyarrow as pa
 
     path = save(pa.table({"t": pa.array([], pa.float64()), "u": pa.array([], pa.int8()), "y": pa.array([], pa.int8())}))
-    with pytest.raises(LogError, match="0 rows of data where at least 2 are needed"):
+    with pytest.raises(LogError, match="0 rows of data, at least 2 are needed"):
         read_log(path, input="u", output="y")
 
 

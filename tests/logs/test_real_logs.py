@@ -44,7 +44,9 @@ def test_two_levels(datasets: Path) -> None:
 
 def test_a_first_row_that_is_written_twice_counts_once(datasets: Path) -> None:
     path = datasets / "un_thermal/Thermal_profile_closed_exp.csv"
-    with pytest.warns(UserWarning, match="a row repeats the one before, time stamp and all: each counts once"):
+    with pytest.warns(
+        UserWarning, match="a row repeats the previous one, with the same time stamp; repetitions are left out"
+    ):
         log = read_log(path, input="u", output="y")
     assert (log.dt, len(log)) == (0.8, 251)
     assert len(read_log(path, input="u", output="y", dt=0.8)) == 252

@@ -187,12 +187,16 @@ def test_dates_of_parts_count_from_the_first_of_all(tmp_path: Path) -> None:
 def test_where_there_is_no_room_for_a_long_log_it_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path / "log.csv", signals())
     monkeypatch.setenv("TMPDIR", str(tmp_path / "none"))
-    with pytest.raises(LogError, match=r"kept in .*none while it is used, .*\(No such file or directory\); free some"):
+    with pytest.raises(
+        LogError, match=r"temporary file in .*none, which cannot be written \(No such file or directory\); free some"
+    ):
         open_recording(path, input="u", output="y", most_held=0)
     if Path("/dev/full").exists():
         with Path("/dev/full").open("rb+", buffering=0) as full:
             monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_: full)
-            with pytest.raises(LogError, match=r"log\.csv: a long log is kept in .*\(No space left on device\)"):
+            with pytest.raises(
+                LogError, match=r"log\.csv: a long log needs a temporary file in .*\(No space left on device\)"
+            ):
                 open_recording(path, input="u", output="y", most_held=0)
 
 

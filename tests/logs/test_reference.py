@@ -136,7 +136,7 @@ def test_what_is_wrong_with_one_of_several_is_said(rig: Path, references: list[s
 def test_a_log_in_memory_has_them_by_name() -> None:
     with pytest.raises(rp.InvalidArgumentError, match="more_inputs must be different names of others, got 'u2'"):
         rp.Log(U, Y, 0.1, others={"u2": U}, reference=R, more_inputs=("u2",), more_references=("u2",))
-    with pytest.raises(rp.InvalidArgumentError, match="more_references are beside a reference"):
+    with pytest.raises(rp.InvalidArgumentError, match="more_references need a reference"):
         rp.Log(U, Y, 0.1, others={"r2": R}, more_references=("r2",))
     with pytest.raises(rp.InvalidArgumentError, match="reference must name a column, got an empty list"):
         rp.read_log("log.csv", input="u", output="y", reference=[])

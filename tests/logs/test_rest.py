@@ -54,7 +54,7 @@ def test_without_an_output_before_the_first_move_it_is_refused() -> None:
     log = step_test(0, 5)
     y = log.output.copy()
     y[:6] = np.nan
-    with pytest.raises(rp.InvalidArgumentError, match="at rest cannot be told"):
+    with pytest.raises(rp.InvalidArgumentError, match="the output at rest is unknown"):
         rp.from_rest(rp.Log(log.input, y, DT))
 
 

@@ -123,7 +123,7 @@ def test_irregular_stamps_come_with_the_log_and_the_line_is_named(write: Write) 
     assert log.stamps.tolist() == [0.0, 0.1, 0.2, 0.35, 0.4, 0.5]
     assert log.duration == pytest.approx(0.6)
     assert open_recording(path, input="u", output="y").irregularity == (
-        f"{path}: line 7, column 't': irregular time stamps, 0.15 after the one before where 0.1 is usual"
+        f"{path}: line 7, column 't': irregular time stamps, 0.15 after the one before instead of the usual 0.1"
     )
     given = read_log(path, input="u", output="y", dt=0.1)
     assert given.time is None
@@ -170,7 +170,7 @@ def test_a_column_that_has_another_role_is_not_looked_for_as_the_time(write: Wri
         (["0", "0.1", "0.1", "0.2"], "line 4, column 't': the time stamp 0.1 repeats the one before"),
         (
             [*(f"{k}" for k in range(20)), *(f"{k}" for k in range(20))],
-            r"goes back from the one before \(19\); the clock begins anew: where another",
+            r"goes back from the one before \(19\); the clock begins anew: if another",
         ),
         (["0", "0.1", "0.05", "0.2"], "line 4, column 't': the time stamp 0.05 goes back from the one before"),
         (
@@ -261,7 +261,7 @@ def test_two_columns_called_time(write: Write) -> None:
 
 
 def test_time_and_dt_together(write: Write) -> None:
-    with pytest.raises(InvalidArgumentError, match="give one of the time column"):
+    with pytest.raises(InvalidArgumentError, match="give either the time column"):
         read_log(write(log_text(["0", "1"])), input="u", output="y", time="t", dt=1.0)
 
 
@@ -291,7 +291,9 @@ def test_the_name_that_states_a_unit_is_made_of_the_column_s_own(name: str, core
 
 def test_a_row_that_is_written_twice_counts_once(write: Write) -> None:
     rows = [f"{0.5 * k},{k % 3},{k % 7}\n" for k in range(60) for _ in range(1 + (k % 20 == 7))]
-    with pytest.warns(UserWarning, match="3 rows repeat the one before, time stamp and all: each counts once"):
+    with pytest.warns(
+        UserWarning, match="3 rows repeat the previous one, with the same time stamp; repetitions are left out"
+    ):
         log = read_log(write("t,u,y\n" + "".join(rows)), input="u", output="y")
     assert (log.dt, len(log)) == (0.5, 60)
     assert log.output.tolist() == [k % 7 for k in range(60)]

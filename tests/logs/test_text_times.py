@@ -137,7 +137,9 @@ def test_blocks_count_from_the_same_stamp(write: Write, monkeypatch: pytest.Monk
 
 def test_a_column_of_dates_is_no_input(write: Write) -> None:
     path = write("start,u,y\n2024-05-01T10:00:00,1,2\n2024-05-01T10:00:02,1,2\n")
-    with pytest.raises(LogError, match="column 'start' holds dates or times, no samples; choose another column as the"):
+    with pytest.raises(
+        LogError, match="column 'start' holds dates or times, not samples; choose another column as the"
+    ):
         read_log(path, input="start", output="y", dt=1.0)
 
 
@@ -160,7 +162,7 @@ REFUSED = {
     ),
     "day or month first": (
         ["03/04/2024 23:59:{:02}", "04/04/2024 00:00:{:02}"],
-        "line 62, column 'time': '04/04/2024 00:00:00': the day may come first or the month; write dates as",
+        "line 62, column 'time': '04/04/2024 00:00:00': day and month may be in either order; write dates as",
     ),
     "zone lost": (
         ["2024-05-01 10:05:{:02}Z", "2024-05-01 10:06:{:02}"],

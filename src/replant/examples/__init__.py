@@ -1,4 +1,4 @@
-"""Records of a real motor as CSV files, for trying things out.
+"""Records of a real motor as CSV files, to try the package with.
 
 They are `DCmotor_prbs_open_exp.csv` and `DCmotor_step_open_exp.csv` of the UNDCMotor kit, github.com/nebisman/UNDCMotor
 (MIT licence, copyright 2024 Leonardo Bermeo): time ``t`` in s, voltage ``u`` in V, speed ``y`` in deg/s, every 20 ms.
@@ -17,7 +17,7 @@ NAMES = ("motor.csv", "motor-step.csv", "LICENSE")
 
 
 def motor() -> Log:
-    """Return the record of a motor whose voltage jumps at random: 82 s.
+    """Return the record of a motor with a random binary voltage: 82 s.
 
     Examples
     --------
@@ -29,7 +29,7 @@ def motor() -> Log:
 
 
 def motor_step() -> Log:
-    """Return the record of the same motor on another day, steps of the voltage: 10 s.
+    """Return the record of the same motor on another day, with voltage steps: 10 s.
 
     Examples
     --------
@@ -41,5 +41,5 @@ def motor_step() -> Log:
 
 
 def path_of(name: str) -> AbstractContextManager[Path]:
-    """Give the path of one of the files."""
+    """Return a context manager that gives the path of one of the files."""
     return resources.as_file(resources.files(__name__).joinpath(name))

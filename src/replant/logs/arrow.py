@@ -1,6 +1,7 @@
-"""Parquet (.parquet, .pq, or a folder of them), Feather and Arrow files, with pyarrow; columns as float64.
+"""Parquet (.parquet, .pq, or a folder of them), Feather and Arrow files, read with pyarrow; columns as float64.
 
-Files of replant have a checksum in each page, verified when it is read.  Time stamps are seconds since the first row.
+Parquet files of replant have a checksum in each page, verified on reading.  Time stamps become seconds since the first
+row.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from replant.logs.table import Arrays, Table, damage_as_log_error, needed, nth_r
 from replant.numerics.arguments import FloatArray
 
 SUFFIXES = (".parquet", ".pq")
-CHECKED: dict[str, Any] = {"write_page_checksum": True}  # what pyarrow's writers are called with
+CHECKED: dict[str, Any] = {"write_page_checksum": True}  # arguments of pyarrow's writers
 BLOCK_ROWS = 1 << 16  # rows read at a time [rows]
 BUFFER_BYTES = 1 << 20  # buffer of a column [bytes]
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -30,7 +31,7 @@ _REMEDY = "write it again, or move it away"
 
 @dataclass(frozen=True)
 class RowGroups:
-    """Rows of a Parquet file: of some of its row groups, or of all; with a column, those that have its key."""
+    """Rows of a Parquet file: all or some row groups; with ``column``, only the rows that have ``key`` there."""
 
     path: Path
     groups: tuple[int, ...] | None = None
@@ -39,7 +40,7 @@ class RowGroups:
 
     @property
     def is_whole(self) -> bool:
-        """Whether these are all rows of the file."""
+        """Whether these are all the rows of the file."""
         return self.groups is None and not self.column
 
     def groups_of(self, file: Any) -> list[int]:
@@ -53,7 +54,7 @@ def read_parquet(path: Path) -> Table:
 
 
 def parts_of(folder: Path) -> list[Path]:
-    """Return the Parquet files in a folder, or in its ``samples``, by name; hidden and unfinished ones are left out."""
+    """Return the Parquet files in a folder or its ``samples``, sorted by name, without hidden and unfinished ones."""
     recorded = folder / "samples"
     found = (recorded if recorded.is_dir() else folder).iterdir()
     return sorted(part for part in found if part.suffix.lower() in SUFFIXES and part.name[0] not in "._")
@@ -73,7 +74,7 @@ def read_row_groups(parts: Sequence[RowGroups], path: Path | None = None) -> Tab
 
 
 def first_stamp(part: RowGroups, number: int) -> float:
-    """Return the first value of a column, for sorting: time stamps as s since 1970; infinite where there is none."""
+    """Return the first value of a column, for sorting: time stamps in s since 1970; infinite if there is no value."""
     for (stamps,) in _blocks_of(part, [number], [[0]]):
         known = stamps[np.isfinite(stamps)]
         if known.size:
@@ -95,7 +96,7 @@ def _table(path: Path, schema: Any, blocks: Any, describe_row: Any, approximate_
 
 
 def _place_of(parts: Sequence[RowGroups], lengths: Sequence[int], row: int) -> str:
-    """Return the words for a row of the table."""
+    """Return the text that locates a row of the table in its file or files."""
     if all(part.is_whole for part in parts):
         for part, length in zip(parts, lengths, strict=True):
             if row < length:
@@ -110,14 +111,14 @@ def _place_of(parts: Sequence[RowGroups], lengths: Sequence[int], row: int) -> s
 def open_parquet(path: Path) -> Iterator[Any]:
     """Open a file as `pyarrow.parquet.ParquetFile`."""
     parquet = needed(path, "pyarrow.parquet", "reading Parquet needs pyarrow", "'replant[parquet]'")
-    # pre_buffer would keep every block in memory
+    # pre_buffer would hold every block in memory
     options = {"pre_buffer": False, "buffer_size": BUFFER_BYTES, "page_checksum_verification": True}
     with damage_as_log_error(path, "Parquet file", _REMEDY), parquet.ParquetFile(path, **options) as file:
         yield file
 
 
 def _blocks(parts: Sequence[RowGroups], columns: Sequence[int]) -> Iterator[Arrays]:
-    origins: list[list[int]] = [[] for _ in columns]  # time stamps count from the first row of the first part
+    origins: list[list[int]] = [[] for _ in columns]  # shared: stamps count from the first row of the first part
     return chain.from_iterable(_blocks_of(part, columns, origins) for part in parts)
 
 
@@ -138,7 +139,7 @@ def _blocks_of(part: RowGroups, columns: Sequence[int], origins: Sequence[list[i
 
 
 def check_rows(path: Path, file: Any, rows: int, groups: Sequence[int] | None = None) -> None:
-    """Check that every row of a file, or of some row groups, was read: pyarrow skips a page with a damaged header."""
+    """Check that all rows of a file or of its ``groups`` were read: pyarrow skips a page with a damaged header."""
     about = file.metadata
     held = about.num_rows if groups is None else sum(about.row_group(group).num_rows for group in groups)
     if rows != held:
@@ -157,7 +158,7 @@ def _with_key(batch: Any, part: RowGroups) -> Any:
     return batch.filter(pyarrow.compute.equal(keys, pyarrow.scalar(part.key, keys.type)))
 
 
-_UNPACKED = 4  # size of a batch, which is held as a whole [times the file]
+_UNPACKED = 4  # memory for the batches, each of which is held as a whole [times the file]
 _FILE_MAGIC = b"ARROW1"
 _OLD_MAGIC = b"FEA1"
 
@@ -183,14 +184,14 @@ def _blocks_of_ipc(path: Path, columns: Sequence[int]) -> Iterator[Arrays]:
         origins: list[list[int]] = [[] for _ in columns]
         of_file = getattr(reader, "num_record_batches", None)
         for batch in iter(reader) if of_file is None else map(reader.get_batch, range(of_file)):
-            batch.validate(full=True)  # damaged offsets would be read beyond the file's bytes
+            batch.validate(full=True)  # damaged offsets would make pyarrow read beyond the buffer
             for begin in range(0, max(1, batch.num_rows), BLOCK_ROWS):
                 rows = batch.slice(begin, BLOCK_ROWS)
                 yield [_as_float(rows.column(number), origin) for number, origin in zip(columns, origins, strict=True)]
 
 
 def _is_stamp(kind: Any) -> bool:
-    """Return whether an Arrow type is that of time stamps, or of times between them."""
+    """Return whether an Arrow type is a time stamp or a duration."""
     import pyarrow.types
 
     return bool(pyarrow.types.is_timestamp(kind) or pyarrow.types.is_duration(kind))
@@ -211,7 +212,7 @@ def _checked_names(path: Path, schema: Any, columns: Sequence[int]) -> list[str]
 
 
 def _as_float(column: Any, origin: list[int]) -> FloatArray:
-    """Convert numbers or time stamps to float64, a null to NaN; ``origin`` gets the first stamp of the file."""
+    """Convert numbers or time stamps to float64, null to NaN; the first stamp is appended to an empty ``origin``."""
     import pyarrow
     from pyarrow import types
 
@@ -221,7 +222,7 @@ def _as_float(column: Any, origin: list[int]) -> FloatArray:
         values = column.cast(pyarrow.float64(), safe=False).to_numpy(zero_copy_only=False)
         return np.array(values, dtype=np.float64)
     valid = np.asarray(column.is_valid().to_numpy(zero_copy_only=False))
-    # int64: nanoseconds since 1970 do not fit a float64
+    # int64: float64 cannot represent nanoseconds since 1970
     exact = np.asarray(column.cast(pyarrow.int64()).fill_null(0).to_numpy())
     if valid.any() and not origin:
         origin.append(int(exact[valid][0]))

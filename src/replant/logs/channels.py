@@ -1,10 +1,10 @@
 """Files of measured channels: MDF (asammdf), TDMS of LabVIEW (npTDMS), ULog of PX4 (pyulog), MCAP and ROS 2 (mcap).
 
-A channel with waveform properties (wf_start_offset, wf_increment, perhaps wf_start_time) has time stamps of its own.
-In a file where one has none, the time is a column, as in a table.
+TDMS: a channel with waveform properties (wf_start_offset, wf_increment, perhaps wf_start_time) has its own time stamps.
+If a channel of the file has none, the file is a table, and the time is one of its columns.
 
-Messages of ROS 2 (CDR) and JSON are decoded.  The time of a message is that at which it was recorded, which all topics
-share; the stamp of a header is a column of its own.
+MCAP: messages of ROS 2 (CDR) and JSON are decoded.  The time of a message is its recording time, on a clock that all
+topics share; the stamp of a header is a separate column.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from replant.logs.parser_process import allow
 from replant.logs.table import DEFLATE_RATIO, Arrays, Table, at_most, damage_as_log_error, needed
 from replant.logs.text_cells import with_units
 
-TIME = 1  # kind of a group's master channel that is time; others are angle, distance and index [code]
+TIME = 1  # sync type of a master channel that is time; others are angle, distance and index [code]
 _MAGIC = (b"MDF     ", b"UnFinMF ")
 _REMEDY = "copy it again, or export it as CSV"
-_COPIES = 4  # arrays held beside a column: asammdf's bytes, stamps and values, and ours [count]
+_COPIES = 4  # arrays held for a column: asammdf's bytes, stamps and values, and the result [count]
 
 
 def read_mdf(path: Path) -> Table:
-    """Open a measurement data file of version 3 or 4; a channel that several groups have is ``group/name``."""
+    """Open a measurement data file of version 3 or 4; a channel name of several groups becomes ``group/name``."""
     with _opened(path) as log:
         found = list(at_most(path, _listed(log), "channels"))
     twice = {name for name, count in Counter(name for _, _, _, name, _ in found).items() if count > 1}
@@ -59,7 +59,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def _listed(file: Any) -> Iterator[tuple[int, int, str, str, str]]:
-    """Yield the channels over time: group, number in the group, name of the group, name, unit."""
+    """Yield the channels over time: group number, number in the group, name of the group, name, unit."""
     for group, about in enumerate(file.groups):
         master = file.masters_db.get(group)
         if master is None or getattr(about.channels[master], "sync_type", TIME) != TIME:
@@ -85,7 +85,7 @@ def _signal(path: Path, name: str, group: int, number: int) -> Signal:
         return Signal(np.array(found.timestamps, np.float64), values)
 
 
-_TDMS_COPIES = 3  # arrays held at once, each beside a column as float64: npTDMS's values, ours and the stamps [count]
+_TDMS_COPIES = 3  # arrays held at once for a column: npTDMS's values, the result and the stamps [count]
 
 _Place = tuple[str, str]
 
@@ -125,7 +125,7 @@ def _opened_of_tdms(path: Path) -> Iterator[Any]:
 
 
 def _clock(channel: Any) -> tuple[Any, float, float] | None:
-    """Return start time (or None), offset and increment of a waveform; None if it is none."""
+    """Return start time (or None), offset and increment of a waveform; None if the channel is not a waveform."""
     about = channel.properties
     increment = float(about.get("wf_increment", 0.0))
     if not increment > 0.0 or channel.dtype.kind == "M":
@@ -159,15 +159,15 @@ def _tdms_values(path: Path, places: Sequence[_Place]) -> Arrays:
 
 
 _STAMP = "timestamp"
-_ULOG_COPIES = 2  # size of what pyulog holds: the messages, and their fields as arrays [times the file]
+_ULOG_COPIES = 2  # memory of pyulog: the messages, and their fields as arrays [times the file]
 _PER_SECOND = 1_000_000  # unit of the stamps [1/s]
 
 
 def read_ulog(path: Path) -> Table:
-    """Open a ULog file.  Of several instances of a topic the columns are ``topic[0].field``, ``topic[1].field``."""
+    """Open a ULog file; several instances of a topic give the columns ``topic[0].field``, ``topic[1].field``."""
     pyulog = needed(path, "pyulog", "reading ULog needs pyulog", "'replant[ulog]'")
     with damage_as_log_error(path, "ULog file", "copy it again"), path.open("rb") as file:
-        allow(held=_ULOG_COPIES * path.stat().st_size)  # pyulog holds all that is in it
+        allow(held=_ULOG_COPIES * path.stat().st_size)  # pyulog holds the whole file
         log = pyulog.ULog(file)
         topics = [topic for topic in log.data_list if len(topic.data.get(_STAMP, ()))]
         instances = Counter(topic.name for topic in topics)
@@ -194,16 +194,16 @@ def _signal_of_ulog(stamps: Any, values: Any, start: int) -> Signal:
     return Signal(np.asarray(elapsed / _PER_SECOND, np.float64), np.array(values, np.float64))
 
 
-MOST_ITEMS = 64  # length up to which the items of a list are columns [items]
-DEEPEST = 32  # objects within each other in a message that are looked into [count]
-_COUNTED = 1 << 14  # messages after which memory is asked for [messages]
-_MCAP_COPIES = 3  # numbers held at once for each value: stamps and values while they are read, and as arrays [count]
+MOST_ITEMS = 64  # longest list whose items become columns [items]
+DEEPEST = 32  # deepest nesting of objects in a message that is read [count]
+_COUNTED = 1 << 14  # messages between two requests for memory [messages]
+_MCAP_COPIES = 3  # numbers held for each value: stamp and value while reading, and the resulting arrays [count]
 
 _Keys = tuple[str | int, ...]
 
 
 def read_mcap(path: Path) -> Table:
-    """Open an MCAP file, or the folder of a ROS 2 bag with such files.  The columns are those of each first message."""
+    """Open an MCAP file or the folder of a ROS 2 bag; the first message of each topic determines the columns."""
     parts = parts_of(path) if path.is_dir() else [path]
     first: dict[str, Any] = {}
     begins: list[int] = []
@@ -237,17 +237,17 @@ def read_mcap(path: Path) -> Table:
 
 
 def parts_of(folder: Path) -> list[Path]:
-    """Return the MCAP files in a folder, in the order of the numbers in their names."""
+    """Return the MCAP files in a folder, in the order of the numbers at the end of their names."""
     found = [part for part in folder.iterdir() if part.suffix.lower() == ".mcap" and not part.name.startswith(".")]
     return sorted(found, key=lambda part: (len(part.name), part.name))
 
 
 class _Json:
-    """Decodes messages of JSON, as the factory of mcap_ros2 does those of ROS 2."""
+    """Decoder factory for JSON messages, with the interface of mcap_ros2's."""
 
     @staticmethod
     def decoder_for(encoding: str, schema: Any) -> Callable[[bytes], Any] | None:
-        """Return the decoder of an encoding; None where it is another one."""
+        """Return the decoder if the encoding is JSON, else None."""
         return json.loads if encoding == "json" else None
 
 
@@ -274,7 +274,7 @@ def _signal_of_mcap(parts: Sequence[Path], topic: str, keys: _Keys, origin: int)
 
 
 def _items(value: Any) -> Iterator[tuple[str | int, Any]] | None:
-    """Return keys and values of what a message holds; None if it is a single value."""
+    """Return the keys and values of a message or a part of it; None if it is a single value."""
     if isinstance(value, Mapping):
         return iter(value.items())
     if isinstance(value, list | tuple | array):

@@ -1,11 +1,12 @@
-r"""Which columns of a log look like input, output and reference: by their names, their shapes and who follows whom.
+r"""Guess the input, output and reference among the columns of a log, from names, shapes and directed influence.
 
-Who follows whom is Geweke's measure of what the past of a adds to the past of b,
+The influence of a on b is Geweke's measure: how much the past of a improves the prediction of b,
 
 .. math:: F_{a \to b} = \ln \frac{\text{residual power of } b \text{ from its own past}}
           {\text{residual power of } b \text{ from its own past and that of } a},
 
-large for an input a of the output b, and near zero the other way round, unless a controller closes the loop.
+It is large from the input to the output, and near zero from the output to the input unless a controller closes the
+loop.
 
 Source: Geweke (1982), "Measurement of linear dependence and feedback between multiple time series".
 """
@@ -21,19 +22,19 @@ import numpy as np
 from replant.logs.columns import Column
 from replant.numerics.arguments import FloatArray
 
-MOST_SAMPLES = 1 << 16  # samples that the measures are taken from [samples]
-ORDER = 3  # past stretches of each signal [count]
-STRETCHES_OF_MEMORY = 5  # stretches in the time over which the output's correlation with itself falls to 1/e [count]
-FEWEST_STRETCHES = 200  # stretches that a record is cut into, if it has as many samples [count]
-SPREAD = 20.0  # distance from the median beyond which a value is cut off [ranges of the middle 90 %]
-CEILING = 10.0  # largest measure: a residual of 1/150 of the other is a rounding error [number]
-CHANCE = 4.5  # correlation that is no chance at any of thousands of lags [standard deviations]
+MOST_SAMPLES = 1 << 16  # samples used for the measures [samples]
+ORDER = 3  # past stretches of each signal in the regression [count]
+STRETCHES_OF_MEMORY = 5  # stretches in the lag at which the output's autocorrelation falls to 1/e [count]
+FEWEST_STRETCHES = 200  # stretches per record, if it has that many samples [count]
+SPREAD = 20.0  # distance from the median at which a value is clipped [ranges of the middle 90 %]
+CEILING = 10.0  # largest measure: a residual 1/150 of the other is a rounding error [number]
+CHANCE = 4.5  # correlation that is significant although thousands of lags are tested [standard deviations]
 WHITENING = 8  # order of the autoregression that whitens the input [count]
-ROUNDING = 1e-9  # change of a prepared input that is rounding [its standard deviation]
+ROUNDING = 1e-9  # change of a prepared input that is a rounding error [its standard deviation]
 
 
 def prepared(values: FloatArray) -> FloatArray:
-    """Return a signal (K,) for the measures: at most `MOST_SAMPLES`, gaps interpolated, scaled to unit power."""
+    """Return a signal (K,) for the measures: at most `MOST_SAMPLES`, clipped, gaps interpolated, of unit variance."""
     head = values[:MOST_SAMPLES]
     known = np.isfinite(head)
     if not known.any():
@@ -50,15 +51,15 @@ def prepared(values: FloatArray) -> FloatArray:
 
 
 def influence(a: FloatArray, b: FloatArray) -> float:
-    """Return Geweke's measure from ``a`` (K,) to ``b`` (K,), both prepared, less what chance would give."""
-    # the largest of three: one sample ahead, a fifth of the memory ahead, and over the geometric mean of both; where
-    # the sampling rate is high nothing can be foretold from one sample to the next but noise
+    """Return Geweke's measure from ``a`` (K,) to ``b`` (K,), both prepared, minus its expectation by chance."""
+    # the largest over three horizons: one sample, a fifth of the memory, and their geometric mean; at a high sampling
+    # rate one sample ahead shows noise alone
     widest = min(max(1, memory(b) // STRETCHES_OF_MEMORY), max(1, b.size // FEWEST_STRETCHES))
     return max(_influence(a, b, width) for width in {1, round(widest**0.5), widest})
 
 
 def _influence(a: FloatArray, b: FloatArray, width: int) -> float:
-    """Return the measure for stretches of ``width`` samples: of each the last value and the mean are the past."""
+    """Return the measure for stretches of ``width`` samples; the regressors are their last values and means."""
     count = b.size // width
     order = min(ORDER, count // 16)
     if order < 1:
@@ -103,20 +104,20 @@ def _correlation(a: FloatArray, b: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Response:
-    """What the cross-correlation of an input and an output shows; lags in samples."""
+    """The response that the cross-correlation of an input and an output shows; lags in samples."""
 
-    # lag at which the response seems to begin, behind the first sample after a change of the input: a dead time, or the
-    # slow beginning of a plant with several poles
+    # lag at which the response seems to begin, counted from the first sample after a change of the input: a dead time,
+    # or the slow start of a plant with several poles
     delay: float
-    half: int  # lag of half the response at ``peak``
+    half: int  # lag at which the response reaches half its value at ``peak``
     peak: int  # lag of the largest correlation
-    correlation: float  # that of the changes of the input with the changes of the output up to that lag
+    correlation: float  # correlation of input changes with output changes over the lag ``peak``
 
 
 def response(u: FloatArray, y: FloatArray) -> Response | None:
-    """Return the response of ``y`` (K,) to the changes of ``u`` (K,) beyond its own past; None if by chance."""
+    """Return the response of ``y`` (K,) to the whitened ``u`` (K,); None if it is not significant."""
     changes = _whitened(u)
-    if not np.abs(changes).max(initial=0.0) > ROUNDING:  # all moves lie within the samples that foretell the others
+    if not np.abs(changes).max(initial=0.0) > ROUNDING:  # the input moves only within the first samples
         return None
     longest = min(u.size // 4, 50 + 5 * memory(y))
     now = changes[1:]
@@ -124,9 +125,10 @@ def response(u: FloatArray, y: FloatArray) -> Response | None:
     sums = _correlation(now, y[1:])[:longest] - before
     if not sums.size:
         return None
-    # the root mean square, as with it the correlation is at most one
-    spread = np.array([np.sqrt(np.mean((y[1 + lag :] - y[: y.size - 1 - lag]) ** 2)) for lag in _few(longest)])
-    spread = np.interp(np.arange(longest), _few(longest), spread)
+    # the root mean square bounds the correlation by one
+    lags = _sparse_lags(longest)
+    spread = np.array([np.sqrt(np.mean((y[1 + lag :] - y[: y.size - 1 - lag]) ** 2)) for lag in lags])
+    spread = np.interp(np.arange(longest), lags, spread)
     correlation = sums / np.maximum(float(np.sqrt(now @ now)) * spread * np.sqrt(now.size), np.finfo(float).tiny)
     significant = np.abs(correlation) > CHANCE / np.sqrt(now.size)
     if not significant.any():
@@ -138,8 +140,8 @@ def response(u: FloatArray, y: FloatArray) -> Response | None:
     return Response(max(0.0, onset - 1.0), round(half), best, float(np.clip(correlation[best], -1.0, 1.0)))
 
 
-def _few(longest: int) -> FloatArray:
-    """Return some lags, evenly spaced in their logarithm."""
+def _sparse_lags(longest: int) -> FloatArray:
+    """Return up to 40 lags, evenly spaced in their logarithm."""
     return np.unique(np.geomspace(1, max(longest, 2), 40).astype(int) - 1)
 
 
@@ -153,7 +155,7 @@ def _crossing(rising: FloatArray, level: float) -> float:
 
 
 def _whitened(u: FloatArray) -> FloatArray:
-    """Return what the past of ``u`` (K,) does not foretell of it; zero over the first samples."""
+    """Return the residual of an autoregression of ``u`` (K,); zero over the first samples."""
     order = min(WHITENING, u.size // 10)
     if order < 1:
         return np.zeros(u.size)
@@ -162,32 +164,32 @@ def _whitened(u: FloatArray) -> FloatArray:
     return np.concatenate([np.zeros(order), u[order:] - past @ model])
 
 
-MOST_SIGNALS = 16  # columns among which input and output are looked for; all pairs of them are compared [count]
-FEWEST_ROWS = 20  # rows from which on who follows whom is asked [rows]
+MOST_SIGNALS = 16  # columns that are compared in pairs as input and output [count]
+FEWEST_ROWS = 20  # fewest rows for the measure of influence [rows]
 BY_INFLUENCE, BY_SHAPE = 2.0, 1.0
-"""Weights of who follows whom, and of moving in steps and quickly [number].
-Origin: input and output come out right for the recorded logs of open loops, with their names and without.
+"""Weights of the influence, and of the shape: an input moves in steps and has the shorter memory [number].
+Origin: input and output are found in all recorded open-loop logs, with their names and without.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 BY_NAME = 2.0
-"""Weight of a name that tells a role: for it, and against another one [number].
-Origin: a pump's "speed" is its input where it moves in steps and the flow follows it; under a controller names decide.
+"""Weight of a column's name: added if it indicates the role, subtracted if it indicates another role [number].
+Origin: a pump's "speed" is its input if it moves in steps and the flow follows it; under a controller the names decide.
 Sensitivity: halved, nothing changes on the recorded logs; doubled, the pump's speed is taken for its output.
 """
-CLOSE = 0.25 * BY_INFLUENCE  # difference of both directions' scores below which either may be the right one [number]
+CLOSE = 0.25 * BY_INFLUENCE  # difference of both directions' scores below which the direction is uncertain [number]
 NOTABLE = 0.02
-"""Measure of influence below which nothing is said [number].
-Origin: 2 % less residual power; chance is subtracted before.
+"""Smallest influence that counts [number].
+Origin: 2 % less residual power, beyond the expectation by chance.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 FEEDBACK, ANSWERS = 0.1, 0.1
-"""Influence of the output on the input from which on a controller is suspected: by itself, and as a part of that the
-other way [number].
-Origin: above the recorded logs of open loops, which reach 0.07, and below those of the motor under a controller.
+"""Influence of the output on the input from which a controller is suspected: by itself, and as a part of the influence
+of the input on the output [number].
+Origin: above the recorded open-loop logs, which reach 0.07, and below those of the motor under a controller.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 SAME_RANGE = 0.25
-"""Difference of mean and of spread up to which an output takes the values of a set-point [part of the larger spread].
+"""Largest difference in mean and in spread at which an output follows a set-point [part of the larger spread].
 Origin: a usual tolerance.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
@@ -205,7 +207,7 @@ _ROLE_OF = {word: role for role, words in _WORDS.items() for word in words.split
 
 @dataclass(frozen=True)
 class Role:
-    """A column, what it looks like, and why."""
+    """A column for a role, and why it was chosen."""
 
     column: Column
     why: str
@@ -213,17 +215,17 @@ class Role:
 
 @dataclass(frozen=True)
 class Roles:
-    """What the columns of a log look like."""
+    """The probable roles of a log's columns."""
 
     input: Role | None = None
     output: Role | None = None
     reference: Role | None = None
     answers: bool = False  # whether the input also follows the output, as under a controller
-    either: bool = False  # whether input and output may as well be the other way round
+    either: bool = False  # whether input and output could equally be exchanged
 
 
 def role_by_name(name: str) -> str | None:
-    """Return the role that a column's name tells, or None."""
+    """Return the role that a column's name indicates; None if it indicates none."""
     core = re.sub(r"[\[(].*$", "", name.rpartition(".")[2])
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", core)]
     if "set" in words and "point" in words:
@@ -233,12 +235,13 @@ def role_by_name(name: str) -> str | None:
 
 
 def find_roles(columns: list[Column], values: dict[int, FloatArray], given: dict[str, int] | None = None) -> Roles:
-    """Return what ``columns`` look like."""
+    """Return the probable roles of ``columns``; ``given`` holds the columns of known roles."""
     known = given or {}
-    telling = sorted(
+    # if there are too many columns, the given ones and those with an indicative name are kept
+    preferred = sorted(
         columns, key=lambda column: (column.number not in known.values(), role_by_name(column.name) is None)
     )
-    signals = {column.number: column for column in telling[:MOST_SIGNALS]}
+    signals = {column.number: column for column in preferred[:MOST_SIGNALS]}
     ready = {number: prepared(values[number]) for number in signals}
     forces = _Forces(ready)
     inputs, outputs = (_candidates(signals, role, known) for role in (INPUT, OUTPUT))
@@ -263,7 +266,7 @@ def find_roles(columns: list[Column], values: dict[int, FloatArray], given: dict
 
 
 class _Forces:
-    """The measure of influence for each pair of signals, and the memory of each signal, computed once."""
+    """The influence for each pair of signals, and the memory of each signal; each is computed once."""
 
     def __init__(self, ready: dict[int, FloatArray]) -> None:
         self._ready, self._found = ready, dict[tuple[int, int], float]()
@@ -277,36 +280,36 @@ class _Forces:
 
 
 def _candidates(signals: dict[int, Column], role: str, known: dict[str, int]) -> list[int]:
-    """Return the columns for a role: the one given, else all but references; these, too, where one or none is left."""
+    """Return the candidates for a role: the given column, else all but references unless fewer than two remain."""
     if role in known:
         return [number for number in (known[role],) if number in signals]
     others = [column for number, column in signals.items() if number not in known.values()]
-    # beside a column that is given a reference may be the other
+    # if one column is given, a reference may be its partner
     rest = [column.number for column in others if known or role_by_name(column.name) != REFERENCE]
     return rest if len(rest) > 1 or known else [column.number for column in others]
 
 
-def _fits(column: Column, role: str) -> float:
-    """Return whether a column's name tells a role, 1, or another one, -1; 0 where it tells none."""
-    told = role_by_name(column.name)
-    return 0.0 if told is None else 1.0 if told == role else -1.0
+def _name_score(column: Column, role: str) -> float:
+    """Return 1 if a column's name indicates this role, -1 if it indicates another, 0 if it indicates none."""
+    indicated = role_by_name(column.name)
+    return 0.0 if indicated is None else 1.0 if indicated == role else -1.0
 
 
 def _score(a: Column, b: Column, forces: _Forces) -> float:
-    """Return how well ``a`` and ``b`` fit as input and output."""
+    """Return a score for ``a`` as the input and ``b`` as the output."""
     there, back = forces.of(a.number, b.number), forces.of(b.number, a.number)
     direction = (there - back) / (there + back + NOTABLE)
     strength = there / (there + 0.1)
     quick, slow = forces.memory[a.number], forces.memory[b.number]
     smoother = (slow - quick) / max(1, slow + quick)  # a plant smooths: its output has the longer memory
-    names = _fits(a, INPUT) + _fits(b, OUTPUT)
+    names = _name_score(a, INPUT) + _name_score(b, OUTPUT)
     return BY_INFLUENCE * (0.5 * direction + 0.5 * strength) + BY_SHAPE * (a.held - b.held + smoother) + BY_NAME * names
 
 
 def _input_beside(
     a: int, y: int, signals: dict[int, Column], values: dict[int, FloatArray], forces: _Forces
 ) -> int | None:
-    """Return the input, where ``a`` is a set-point that ``y`` follows and a third signal lies between the two."""
+    """Return the input if ``a`` is a set-point that ``y`` follows and a third signal drives ``y``; else None."""
     if role_by_name(signals[a].name) == INPUT or not _follows(values[a], values[y]):
         return None
     others = [n for n in signals if n not in (a, y) and role_by_name(signals[n].name) in (None, INPUT)]
@@ -315,7 +318,7 @@ def _input_beside(
 
 
 def _follows(r: FloatArray, y: FloatArray) -> bool:
-    """Return whether ``y`` lies in the range of ``r``, about its mean, and with its spread."""
+    """Return whether ``y`` has nearly the mean and the spread of ``r``, and is correlated with it."""
     both = np.isfinite(r) & np.isfinite(y)
     if not both.any():
         return False
@@ -331,4 +334,4 @@ def _why(column: Column, other: Column, role: str, there: float, back: float) ->
         reasons.append(f"{other.name!r} follows it" if role == INPUT else f"it follows {other.name!r}")
     if role == INPUT and column.held > 0.5 and column.held > other.held:
         reasons.append("it moves in steps")
-    return ", ".join(reasons) or "nothing speaks against it"
+    return ", ".join(reasons) or "no column fits better"

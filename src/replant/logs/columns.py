@@ -1,4 +1,4 @@
-"""The columns of a log: what each holds, its range and resolution; and its clock: interval, jitter and gaps."""
+"""Description of a log's columns (kind, range, resolution) and of its clock (interval, jitter, gaps)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from replant.logs.sampling_time import StampUnit, interval_of, time_columns, uni
 from replant.logs.table import Table, listed
 from replant.numerics.arguments import FloatArray
 
-MOST_CELLS = 1 << 24  # cells of a log that are held at once: 128 MB [count]
-MOST_ROWS = 1 << 20  # rows of a log that are looked at [rows]
-FEWEST_ROWS = 1 << 10  # the same where a log has very many columns [rows]
-MOST_STEPS = 10_000  # steps in its range up to which a column is called quantised: 13 bits and less [count]
+MOST_CELLS = 1 << 24  # most cells of a log held at once: 128 MB [count]
+MOST_ROWS = 1 << 20  # rows of a log that are examined [rows]
+FEWEST_ROWS = 1 << 10  # fewest rows that are examined, if a log has very many columns [rows]
+MOST_STEPS = 10_000  # most steps in the range of a column that is called quantised: at most 13 bits [count]
 ROUND_OFF = 1e-9  # difference of two values that is a rounding error [part of the largest value]
-ON_GRID = 0.01  # distance from a grid up to which a value lies on it [part of the grid's step]
+ON_GRID = 0.01  # largest distance of a value from its grid [part of the grid's step]
 
 
 class Kind(Enum):
@@ -38,15 +38,15 @@ class Column:
     number: int  # its 0-based number
     name: str  # its name in the file
     kind: Kind
-    rows: int  # rows that were looked at
-    missing: int  # those of them without a finite number
-    low: float = np.nan  # low, high: the least and the greatest value; NaN if there is none
+    rows: int  # rows that were examined
+    missing: int  # examined rows without a finite number
+    low: float = np.nan  # low, high: the smallest and the largest value; NaN if there is none
     high: float = np.nan
     levels: int = 0  # number of different values
-    step: float = np.nan  # the smallest difference of two different values; NaN if there are no two
-    quantised: bool = False  # whether all values lie on a grid with this step, of at most `MOST_STEPS` steps
-    held: float = 0.0  # part of the rows whose value is that of the row before
-    problem: str = ""  # why a text column cannot be read as numbers; empty for the others
+    step: float = np.nan  # the smallest difference of two different values; NaN if all are equal
+    quantised: bool = False  # whether all values lie on a grid of this step, with at most `MOST_STEPS` steps
+    held: float = 0.0  # part of the rows that repeat the previous value
+    problem: str = ""  # why a text column cannot be read as numbers; empty for other columns
 
     @property
     def is_signal(self) -> bool:
@@ -55,7 +55,7 @@ class Column:
 
 
 def describe(number: int, name: str, values: FloatArray) -> Column:
-    """Return what a column of numbers ``values`` (K,) holds."""
+    """Describe a column of numbers ``values`` (K,)."""
     known = values[np.isfinite(values)]
     missing = int(values.size - known.size)
     if not known.size:
@@ -72,7 +72,7 @@ def describe(number: int, name: str, values: FloatArray) -> Column:
 
 
 def _smallest_step(levels: FloatArray) -> float:
-    """Return the smallest difference of sorted values that is no rounding error; NaN if there is none."""
+    """Return the smallest difference of sorted values beyond rounding errors; NaN if there is none."""
     with np.errstate(over="ignore"):
         steps = np.diff(levels)
     steps = steps[steps > ROUND_OFF * max(abs(float(levels[0])), abs(float(levels[-1])))]
@@ -89,15 +89,15 @@ def _on_grid(levels: FloatArray, step: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """The columns of a log, described, with the values of those that are numbers."""
+    """The described columns of a log, and the values of the numeric ones."""
 
     columns: tuple[Column, ...]
-    values: dict[int, FloatArray]  # the numbers of each column that is no text, by the column's number
-    whole: bool  # whether all rows were looked at
+    values: dict[int, FloatArray]  # the values of each numeric column, by the column's number
+    whole: bool  # whether all rows were examined
 
     @property
     def usual_length(self) -> int:
-        """The length that most columns have; of two that are as usual the longer one."""
+        """The most common length of the columns; the longer one if two are equally common."""
         sizes = [values.size for values in self.values.values()]
         return max(sizes, key=lambda size: (sizes.count(size), size), default=0)
 
@@ -129,12 +129,12 @@ def read_contents(table: Table) -> Contents:
     return Contents(tuple(columns), {number: column[:most] for number, column in values.items()}, whole)
 
 
-GAP = 1.5  # interval of a steady clock from which on a sample is lost [usual intervals]
-LOST = 3.5  # the same of a clock that jitters, as GAP of `replant.estimation.engine.record` [usual intervals]
-STEADY = 0.2  # deviation of an interval up to which an unnamed column may be a time [part of the median]
-MOSTLY = 0.95  # part of its intervals that must be steady [part]
-SINCE_1970 = 1e9  # stamp of September 2001, in s: what never falls and is larger counts time [s]
-FEWEST = 20  # rows from which on a rising column without a telling name may be a time [rows]
+GAP = 1.5  # shortest interval of a steady clock that is a gap [usual intervals]
+LOST = 3.5  # the same for a clock with jitter, as GAP of `replant.estimation.engine.record` [usual intervals]
+STEADY = 0.2  # largest deviation of a steady interval [part of the median]
+MOSTLY = 0.95  # part of the intervals of an unnamed time column that must be steady [part]
+SINCE_1970 = 1e9  # stamp of September 2001: a column that never falls and is larger is taken for times since 1970 [s]
+FEWEST = 20  # fewest rows of a time column without a name of time [rows]
 
 
 @dataclass(frozen=True)
@@ -142,16 +142,16 @@ class Clock:
     """The time column of a log, or the sampling time that its file states."""
 
     column: Column | None  # None where the file states the sampling time
-    guess: str  # why the column may not be the time; empty if it is the only one of `time_columns`, or was given
+    guess: str  # why the column may not be the time; empty if it was given, or is the only one of `time_columns`
     unit: float  # one unit of its stamps in s
-    doubt: str  # why the unit may be another one; empty if it is stated
+    doubt: str  # why the unit may be wrong; empty if it is stated
     dt: float  # the usual (median) interval in s; NaN without a rising step
-    jitter: float  # standard deviation of the intervals that are no gaps, in s
-    gaps: int  # number of intervals above `GAP` usual ones
+    jitter: float  # standard deviation of the intervals without the gaps, in s
+    gaps: int  # number of gaps
     longest: float  # the longest interval in s
     backward: int  # number of stamps that repeat, go back, or are missing
     duration: float  # from the first stamp to the last, in s
-    problem: str  # why `replant run` would refuse these stamps; empty if it takes them
+    problem: str  # why `replant run` would refuse these stamps; empty if it accepts them
 
 
 def find_clock(
@@ -175,7 +175,7 @@ def find_clock(
 
 
 def seems_time(column: Column, contents: Contents) -> bool:
-    """Return whether a column without a telling name rises in nearly equal steps, or holds times since 1970."""
+    """Return whether a column rises in nearly equal steps, or seems to hold times since 1970."""
     if column.kind not in (Kind.WHOLE, Kind.REAL) or column.missing or column.rows < FEWEST:
         return False
     steps = np.diff(contents.values[column.number])
@@ -186,7 +186,7 @@ def seems_time(column: Column, contents: Contents) -> bool:
 
 
 def counts_rows(column: Column, contents: Contents) -> bool:
-    """Return whether a column is the number of the row, from 0 or 1: it says nothing of time."""
+    """Return whether a column only numbers the rows, from 0 or 1."""
     values = contents.values.get(column.number, np.empty(0))
     return bool(values.size >= FEWEST and values[0] in (0.0, 1.0) and (np.diff(values) == 1.0).all())
 
@@ -203,7 +203,7 @@ def _clock(table: Table, contents: Contents, column: Column, guess: str) -> Cloc
     if regular.size and regular.std() > STEADY * usual:
         regular = rising[rising <= LOST * usual]
     known, dt = stamps[np.isfinite(stamps)], usual
-    if rising.size > 1 and np.count_nonzero(steps == 0.0) > rising.size:  # too coarse to tell most rows apart
+    if rising.size > 1 and np.count_nonzero(steps == 0.0) > rising.size:  # most rows repeat the stamp: it is too coarse
         first, last = rises[0] + 1, rises[-1] + 1
         dt = float((stamps[last] - stamps[first]) / (last - first))
     return Clock(

@@ -1,7 +1,7 @@
-"""What conditions a log before it is identified: stretches, trends, rates, and a beginning at rest.
+"""Conditioning of a log before identification: detrending, decimation, resampling, and a start from rest.
 
-What a user asks for, and nothing by itself.  The three functions return another `Log`; G(s) links its signals as it
-links those of the log, because each is a linear operation applied to input, output and reference alike.
+Each step is applied only on request.  It returns another `Log` with the same G(s): the same linear operation is applied
+to input, output and reference.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from replant.model.preprocess import accepted
 from replant.numerics.arguments import FloatArray, instance, whole
 from replant.numerics.limits import duration, increasing
 
-BEFORE = 1.0  # rest put before a log: a plant that has not settled by then is slower than it [duration of the log]
+BEFORE = 1.0  # rest put before a log: a plant that settles more slowly is too slow for the log [duration of the log]
 
 
 def from_rest(log: Log) -> Log:
-    r"""Put before a log the rest that it begins from: the plant had settled at the first value of the input.
+    r"""Extend a log by the rest before it, if the plant had settled at the first value of the input.
 
     `fit`, `run` and `search` estimate the initial state and the offset.  A step test whose input moves within the first
-    samples hardly tells these from the gain; knowing that it began at rest does.  Of a plant of 12 s in a test of 75 s
-    the gain's standard deviation falls from 60 % to 1 % where the step is at the second sample, and to a third where a
-    seventh of the record is before the step.  A plant that was not at rest then gives a wrong model.
+    samples hardly separates these from the gain; the knowledge that it began at rest does.  Example: for a time
+    constant of 12 s and a test of 75 s, the gain's standard deviation falls from 60 % to 1 % if the step is at the
+    second sample, and to a third if a seventh of the record is before the step.  If the plant was not at rest, the
+    model is wrong.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ def from_rest(log: Log) -> Log:
     -------
     Log
         Twice as long: before the first sample the input has its first value.  The outputs up to the first move of the
-        input are spread from the new beginning on; all others there are missing.
+        input are spread over the time before that move; the other outputs there are missing.
 
     Raises
     ------
@@ -61,7 +62,7 @@ def from_rest(log: Log) -> Log:
     u, y = accepted(log.input)[0], accepted(log.output)[0]
     output = outputs_from_rest(u, y)
     if output is None or not np.isfinite(u[:1]).all():
-        raise InvalidArgumentError("no output is known until the input moves: what it was at rest cannot be told")
+        raise InvalidArgumentError("no output is known until the input moves: the output at rest is unknown")
     count = output.size - y.size
 
     def held(signal: FloatArray) -> FloatArray:
@@ -75,7 +76,7 @@ def from_rest(log: Log) -> Log:
 
 
 def outputs_from_rest(u: FloatArray, y: FloatArray) -> FloatArray | None:
-    """Return an output (K,) with the rest before it, NaN where not known; None where none is until u (K,) moves."""
+    """Return an output (K,) extended by the rest before it, NaN if unknown; None if no output precedes a move of u."""
     moves = np.flatnonzero(u[1:] != u[:-1])
     still = np.flatnonzero(np.isfinite(y[: moves[0] + 2] if moves.size else y))
     if not still.size:
@@ -83,29 +84,29 @@ def outputs_from_rest(u: FloatArray, y: FloatArray) -> FloatArray | None:
     count = round(BEFORE * u.size)
     output = np.concatenate([np.full(count, np.nan), y])
     output[count : count + still[-1] + 1] = np.nan
-    # at rest an output is as good at any time: as many of them as there were, so that none counts twice, and closer at
-    # the beginning, where a dead time hides the first and the state has to be known
+    # at rest an output may be placed at any time: each is used once, so that none counts twice, and they are denser at
+    # the beginning, where a dead time hides the first ones and the state has to be determined
     places = (count + still[-1]) * np.linspace(0.0, 1.0, still.size) ** 2
     output[np.maximum(places.round().astype(int), np.arange(still.size))] = y[still]
     return output
 
 
-HALF_LENGTH = 10  # half the length of the filter: its edge is then 0.13 new rates wide [new sampling times]
-ATTENUATION = 60.0  # attenuation of what would be aliased [dB]
-CUTOFF = 0.8  # frequency at which the filter has fallen to a half [new Nyquist frequency]
-LONGEST_GAP = 3.0  # distance of two stamps from which on the samples between them are taken for lost [usual intervals]
+HALF_LENGTH = 10  # half the length of the filter; its transition band is 0.13 new rates wide [new sampling times]
+ATTENUATION = 60.0  # attenuation of frequencies that would be aliased [dB]
+CUTOFF = 0.8  # frequency at which the filter's gain is a half [new Nyquist frequency]
+LONGEST_GAP = 3.0  # distance of two stamps that is a gap, in which samples are lost [usual intervals]
 FINEST = 0.5  # shortest new sampling time: twice as many samples as were measured [usual intervals]
-MOST_ROWS = 100.0  # new samples beyond which nearly all lie in gaps [samples of the log]
-SAME = 1e-9  # part of an interval that rounding makes [intervals]
-COARSEST = 2.0  # longest new sampling time of a log without a filter against aliasing [usual intervals]
+MOST_ROWS = 100.0  # most new samples: of more, nearly all would lie in gaps [samples of the log]
+SAME = 1e-9  # part of an interval that is a rounding error [intervals]
+COARSEST = 2.0  # longest new sampling time without an anti-aliasing filter [usual intervals]
 
 
 def detrend(log: Log) -> Log:
-    """Subtract from each signal of a log the straight line that fits it best, and keep its mean.
+    """Subtract the best-fitting straight line from each signal of a log, and keep its mean.
 
-    A sensor that drifts, or a load that grows, adds a line to the output; the input's own line and the plant's answer
-    to it go with it.  A record that is not much longer than the plant's slowest time constant, a single step, and a
-    plant that integrates are no case for it: there the line is part of the answer.
+    A drifting sensor or a growing load adds a line to the output.  The trend of the input and the plant's response to
+    it are removed, too.  Do not detrend a record that is not much longer than the plant's slowest time constant, a
+    single step, or the record of an integrating plant: there the line is part of the response.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ def detrend(log: Log) -> Log:
     Returns
     -------
     Log
-        Samples that are missing stay so.
+        Missing samples stay missing.
 
     Examples
     --------
@@ -136,7 +137,7 @@ def detrend(log: Log) -> Log:
         if known.sum() < 2:
             return signal
         t = since - since[known].mean()
-        t /= np.abs(t[known]).max()  # so that no square leaves float64
+        t /= np.abs(t[known]).max()  # so that no square overflows float64
         slope = float(t[known] @ signal[known]) / float(t[known] @ t[known])
         return np.asarray(signal - slope * t)
 
@@ -144,12 +145,12 @@ def detrend(log: Log) -> Log:
 
 
 def decimate(log: Log, factor: int) -> Log:
-    """Lower the rate of a log: filter every signal against aliasing, then keep one sample of ``factor``.
+    """Lower the rate of a log: filter every signal against aliasing, then keep every ``factor``-th sample.
 
-    The filter is a symmetric FIR filter, 60 dB down at the new rate's Nyquist frequency, of 20 new sampling times: it
-    moves nothing in time.  The filtered input is no longer held between samples: the log says that it goes on in a
-    straight line, and a fit takes it so.  Ten new sampling times at either end, which the filter does not reach, are
-    left out; samples within ten of a missing one are missing.  Outliers are spread: make them missing before.
+    The filter is a symmetric FIR filter of 20 new sampling times, 60 dB down at the new Nyquist frequency; its phase is
+    zero.  The filtered input is not held between samples: the log declares it piecewise linear, and a fit uses that.
+    Ten new sampling times at either end, which the filter does not reach, are left out; samples within ten of a missing
+    one are missing.  The filter spreads outliers: mark them as missing before.
 
     Parameters
     ----------
@@ -180,7 +181,7 @@ def decimate(log: Log, factor: int) -> Log:
     log = instance("log", log, Log)
     factor = whole("factor", factor, 2)
     if log.stamps is not None:
-        raise InvalidArgumentError("the clock is irregular: a log is decimated on a regular clock; resample it before")
+        raise InvalidArgumentError("the clock is irregular: decimation needs a regular clock; resample the log before")
     half = HALF_LENGTH * factor
     if log.input.size <= 2 * half:
         raise InvalidArgumentError(
@@ -198,7 +199,7 @@ def decimate(log: Log, factor: int) -> Log:
         return np.asarray(smooth[::factor])
 
     def centred(signal: FloatArray) -> FloatArray:
-        """Return a held signal at its stamps as a straight line has it: the mean of the steps that meet there."""
+        """Return a held signal as a piecewise linear one: at each stamp the mean of the two values that meet there."""
         signal, _ = accepted(signal)
         before = np.concatenate([signal[:1], signal[:-1]])
         return np.asarray((before + signal) / 2 if log.input_hold == "zoh" else signal)
@@ -213,17 +214,16 @@ def decimate(log: Log, factor: int) -> Log:
 def resample(log: Log, dt: float) -> Log:
     """Put a log onto a regular clock, for the methods that need one.
 
-    The input, which is held between its stamps, becomes its mean over each new interval, so that its integral is
-    kept.  The output is interpolated in a straight line between its stamps.  In a gap of more than three usual
-    intervals both are missing.  The methods that use instruments take an irregular clock as it is, without error: keep
-    them where you can.
+    The input, which is held between its stamps, becomes its mean over each new interval, which preserves its integral.
+    The output is interpolated linearly between its stamps.  In a gap of more than three usual intervals both are
+    missing.  The methods with instruments handle an irregular clock exactly, without resampling: prefer them.
 
     Parameters
     ----------
     log : Log
     dt : float
-        New sampling time in s, from half the usual interval to twice of it: beyond, `decimate` lowers the rate without
-        aliasing.
+        New sampling time in s, from half the usual interval to twice the usual interval.  `decimate` lowers the rate
+        further, without aliasing.
 
     Returns
     -------
@@ -233,7 +233,7 @@ def resample(log: Log, dt: float) -> Log:
     Raises
     ------
     InvalidArgumentError
-        If ``dt`` is too short or too long, or the log has fewer than two samples, or hardly any beside its gaps.
+        If ``dt`` is too short or too long, or the log has fewer than two samples, or nearly all of it is gaps.
 
     Examples
     --------
@@ -249,7 +249,7 @@ def resample(log: Log, dt: float) -> Log:
     dt = duration("dt", dt)
     t = _clock(log)
     if t.size < 2:
-        raise InvalidArgumentError(f"the log has {t.size} samples: resampling needs two at least")
+        raise InvalidArgumentError(f"the log has {t.size} samples: resampling needs at least two")
     usual = float(np.median(np.diff(t)))
     if dt > COARSEST * usual * (1 + 1e-9):
         raise InvalidArgumentError(
@@ -258,14 +258,14 @@ def resample(log: Log, dt: float) -> Log:
         )
     if dt < FINEST * usual * (1 - 1e-9):
         raise InvalidArgumentError(
-            f"the new sampling time of {dt:g} s is less than half the usual interval of {usual:g} s: outputs that are "
-            "interpolated tell nothing new, and a fit would count them as measured"
+            f"the new sampling time of {dt:g} s is less than half the usual interval of {usual:g} s: a fit would count "
+            "interpolated outputs as measured ones"
         )
     longest = int(np.argmax(np.diff(t)))
     if t[-1] - t[0] > MOST_ROWS * t.size * dt:
         raise InvalidArgumentError(
             f"nearly all of the new samples would be missing: a gap of {t[longest + 1] - t[longest]:g} s follows "
-            f"sample {longest}; leave out what is before or after it"
+            f"sample {longest}; leave out the part before or after it"
         )
     count = math.floor((t[-1] - t[0]) / dt * (1 + 1e-12)) + 1
     grid = t[0] + dt * np.arange(count)
@@ -293,7 +293,7 @@ def resample(log: Log, dt: float) -> Log:
 
 
 def _clock(log: Log) -> FloatArray:
-    """Return the time of each sample of a log in s, checked where it comes from stamps."""
+    """Return the time of each sample of a log in s; stamps are checked."""
     samples = log.input.size
     return np.arange(samples, dtype=np.float64) * log.dt if log.stamps is None else increasing(log.stamps, samples)
 
@@ -303,4 +303,4 @@ STEPS: Mapping[str, Callable[[Log, Any], Log]] = {
     "decimate": decimate,
     "detrend": lambda log, _: detrend(log),
     "band": lambda log, edges: bandpass(log, *edges),
-}  # what a user can ask for, in the order in which a log passes it: filters need a regular clock
+}  # the steps on request, in the order in which they are applied: filters need a regular clock

@@ -1,6 +1,6 @@
 """Text logs (.csv, .txt, .tsv, .dat): read in blocks of lines, which NumPy parses in C.
 
-A block with quotes, comments, dates or an error is parsed in Python, which also finds the place of an error.
+Python parses a block with quotes, comments, dates or an error, and locates the error.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ from replant.numerics.arguments import FloatArray
 
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
 _DATE = re.compile(r"\s*\d+[-/.:]\d+[-/.:]\d+")
-# a line without numbers, as a spreadsheet fills up a log
+# a line of blanks alone: spreadsheets append them
 _BLANK = re.compile(r"^[ \t]+(?:\n|\Z)", re.MULTILINE)
 _DATE_REMEDY = f"convert dates and clock times to seconds, or give the sampling time (dt, --dt); as the time {READ}"
 _WORDS = {".": "decimal point", ",": "comma"}
 
 
 def _column(layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: int) -> FloatArray:
-    """Turn the cells of one column into float64: numbers, or seconds since the first stamp of the log."""
+    """Convert the cells of one column to float64: numbers, or seconds since the first stamp of the log."""
     cells = [row[column] for _, row in rows]
     form = layout.stamps.get(column)
     try:
@@ -62,7 +62,7 @@ def _column(layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: i
             if form.date_column is not None:
                 cells = [joined_cell(row[form.date_column], row[column]) for _, row in rows]
             return form.seconds(cells)
-        mark = layout.marks.get(column, layout.mark)  # none where nothing tells, or commas delimit
+        mark = layout.marks.get(column, layout.mark)  # None if no number shows it, or commas delimit
         if mark is None and layout.delimiter != ",":
             mark = common_mark(mark_of(cell, line) for (line, _), cell in zip(rows, cells, strict=True))
         return parse_numbers(cells, mark)
@@ -80,11 +80,11 @@ def _column(layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: i
         raise LogError(f"{layout.path}: line {line}, column {shown(name)}: {error}{end}") from None
 
 
-_TAIL_BYTES = 1 << 16  # end of a file in which its last line is looked for [bytes]
+_TAIL_BYTES = 1 << 16  # end of a file that is searched for its last line [bytes]
 
 
 def _cut_line(layout: Layout) -> str:
-    """Return the last line if its writer was stopped in the middle of it, else an empty string."""
+    """Return the last line if it was cut off while it was written, else an empty string."""
     before, line = last_lines(layout.path, layout.encoding)
     if not is_data(line):
         return ""
@@ -95,7 +95,7 @@ def _cut_line(layout: Layout) -> str:
 
 
 def _is_readable(layout: Layout, cells: list[str]) -> bool:
-    """Return whether a row is whole, and its last cell is a number, a time stamp or missing, as its column is."""
+    """Return whether a row is complete and its last cell can be read as its column requires."""
     if len(cells) < len(layout.names):
         return False
     try:
@@ -106,11 +106,11 @@ def _is_readable(layout: Layout, cells: list[str]) -> bool:
 
 
 def last_lines(path: Path, encoding: str) -> tuple[str, str]:
-    """Return the line before the last one, and the last one if it is not the first one and has no end."""
+    """Return the last two lines; the last one is empty if the file ends with a line end or has one line."""
     with path.open("rb") as file:
         head = file.read(2)
         end = file.seek(0, 2)
-        start = max(0, end - _TAIL_BYTES) // 4 * 4  # a character of UTF-16 is not cut
+        start = max(0, end - _TAIL_BYTES) // 4 * 4  # does not split a character of UTF-16
         file.seek(start)
         tail = file.read()
     if encoding == "utf-16":
@@ -120,10 +120,10 @@ def last_lines(path: Path, encoding: str) -> tuple[str, str]:
 
 
 BLOCK_BYTES = 1 << 21  # text of a log held at a time [bytes]
-_HEAD_BYTES = 1 << 16  # beginning of a file that its layout is told from [bytes]
-_WIDE = "utf-16"  # comes as utf-8 from where the file is read
+_HEAD_BYTES = 1 << 16  # beginning of a file that gives the mean length of a line [bytes]
+_WIDE = "utf-16"  # converted to utf-8 while the file is read
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-_ODD = ('"', *COMMENT_MARKS)  # a block with one of them is not for NumPy
+_ODD = ('"', *COMMENT_MARKS)  # Python parses a block with one of them
 
 
 def read(path: Path) -> Table:
@@ -163,7 +163,7 @@ def _blocks(layout: Layout, columns: Sequence[int]) -> Iterator[Arrays]:
 
 
 def _parse(layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> Arrays:
-    """Turn lines, the first of them number ``first``, into an array for each column; skip blank lines and comments."""
+    """Convert lines to an array for each column; the first line has number ``first``; skip blank lines and comments."""
     decoded = _decoded(layout, text)
     if first < layout.data_line:
         above, first = layout.data_line - first, layout.data_line
@@ -183,13 +183,13 @@ def _parse(layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> A
 
 
 def _decoded(layout: Layout, text: bytes) -> str:
-    """Return a text with the line ends that Python has."""
+    """Decode a text, with line feeds as its line ends."""
     decoded = text.decode("utf-8" if layout.encoding == _WIDE else layout.encoding, errors="replace")
     return decoded.replace("\r\n", "\n").replace("\r", "\n") if "\r" in decoded else decoded
 
 
 def _rows_with_commas(layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of the blocks that have a comma: in the others every number is read in one way."""
+    """Yield the rows of the blocks that have a comma: only there the decimal mark can be ambiguous."""
     for first, text in _texts(layout):
         if b"," in text:
             for number, line in enumerate(_decoded(layout, text).split("\n"), first):
@@ -198,12 +198,12 @@ def _rows_with_commas(layout: Layout) -> Iterator[tuple[int, list[str]]]:
 
 
 def _texts(layout: Layout) -> Iterator[tuple[int, bytes]]:
-    """Yield whole lines as bytes, each ended by a line feed, a return or both, with the number of the first of them."""
+    """Yield blocks of whole lines as bytes with the number of the first line; a line ends with LF, CR or CR LF."""
     with layout.path.open("rb") as opened:
         file: Any = codecs.EncodedFile(opened, "utf-8", "utf-16", "replace") if layout.encoding == _WIDE else opened
         first, rest = 1, file.read(len(_BYTE_ORDER_MARK)).removeprefix(_BYTE_ORDER_MARK)
         while block := file.read(BLOCK_BYTES):
-            # a return at the end of the block may be the first half of a line's end
+            # a CR at the end of the block may be the first half of CR LF
             end = 1 + max(block.rfind(b"\n"), block[:-1].rfind(b"\r"))
             if end == 0:
                 rest += block
@@ -223,20 +223,20 @@ def _texts(layout: Layout) -> Iterator[tuple[int, bytes]]:
 
 
 def _approximate_rows(path: Path) -> int:
-    """Return the number of rows under the assumption that all lines are as long as the first ones."""
+    """Return the number of rows, assuming that all lines are as long as the first ones."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     return path.stat().st_size * max(1, head.count(b"\n")) // max(1, len(head))
 
 
 def _line_of_row(layout: Layout, row: int) -> str:
-    """Return the number of the line that holds a row; reads the file again, which only an error message needs."""
+    """Return the number of the line that holds a row; reads the file again, so only error messages use it."""
     numbers = (n for n, line in lines_of(layout.path, layout.encoding) if n >= layout.data_line and is_data(line))
     return f"line {next(islice(numbers, row, None))}"
 
 
 def _parse_in_c(layout: Layout, text: str, columns: Sequence[int]) -> Arrays | None:
-    """Parse a block with NumPy; return None where it holds anything but full rows of numbers and missing cells."""
+    """Parse a block with NumPy; return None if it holds more than full rows of numbers and missing cells."""
     width, delimiter = len(layout.names), layout.delimiter
     if any(column in layout.stamps for column in columns) or any(mark in text for mark in _ODD):
         return None
@@ -268,7 +268,7 @@ def _numbers(text: str, delimiter: str | None, chosen: Sequence[int] | None) -> 
 
 
 def _are_full(text: str, delimiter: str, width: int) -> bool:
-    """Return whether every line has ``width`` cells, which NumPy does not check where it reads some of them."""
+    """Return whether every line has ``width`` cells: NumPy does not check this if it reads only some columns."""
     characters = np.frombuffer((text if text.endswith("\n") else f"{text}\n").encode(), np.uint8)
     is_end = characters[(characters == ord(delimiter)) | (characters == ord("\n"))] == ord("\n")
     each = np.resize(np.arange(width) == width - 1, is_end.size)
@@ -277,7 +277,7 @@ def _are_full(text: str, delimiter: str, width: int) -> bool:
 
 @lru_cache(maxsize=8)
 def _missing(delimiter: str) -> re.Pattern[str]:
-    """Return the pattern of a missing cell beside another one, at which a line is told from a blank one."""
+    """Return the pattern of a missing cell next to a delimiter; a blank line does not match."""
     mark, words = re.escape(delimiter), "|".join(filter(None, MISSING))
     word = rf" *(?:{words})? *" if delimiter == "\t" else rf"[ \t]*(?:{words})?[ \t]*"
     return re.compile(rf"(?<={mark}){word}(?={mark}|$)|^{word}(?={mark})", re.IGNORECASE | re.MULTILINE)

@@ -1,6 +1,6 @@
-"""The formats of logs: a file's suffix selects the reader; compressed logs and standard input are unpacked first.
+"""The formats of logs: a suffix selects the reader; compressed logs and standard input are copied to a file first.
 
-The file lives as long as its `Table`, which may be read several times.  Messages name the file that the user named.
+The copy exists as long as its `Table`, which may be read several times.  Messages name the file that the user named.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from replant.logs.table import (
     unreadable_error,
 )
 
-STANDARD_INPUT = Path("-")  # what stands for standard input
+STANDARD_INPUT = Path("-")  # the path that means standard input
 _KINDS = {".gz": "gzip file", ".zip": "zip archive", ".zst": "Zstandard file"}
 SUFFIXES = tuple(_KINDS)
-_ZSTD_BYTES = 1 << 10  # bytes taken at a time: of 4 may come 128 kB, so these yield 32 MB at the most [bytes]
-LARGEST_WINDOW = 1 << 27  # memory that unpacking a Zstandard file may take, as by zstd itself [bytes]
-HEAD_BYTES = 1 << 25  # unpacked bytes after which text is looked at, before the rest is unpacked [bytes]
+_ZSTD_BYTES = 1 << 10  # packed bytes read at a time: 4 bytes can unpack to 128 kB, so these give at most 32 MB [bytes]
+LARGEST_WINDOW = 1 << 27  # largest window for unpacking a Zstandard file, the default of zstd [bytes]
+HEAD_BYTES = 1 << 25  # unpacked bytes of text that are checked before the rest is unpacked [bytes]
 
 
 def read_packed(path: Path) -> Table:
@@ -68,8 +68,8 @@ def read_standard_input() -> Table:
 
 
 def _unpacked(path: Path, name: str, parts: Iterable[bytes]) -> UnpackedFile:
-    """Unpack a file; of a text that is long, rows are looked for in the first lines before the rest is unpacked."""
-    # the other formats have their numbers where they say
+    """Unpack a file; the first lines of a long text must hold rows before the rest is unpacked."""
+    # the other formats cannot be checked by their first bytes
     is_checked = not FORMATS.get(PurePosixPath(name).suffix.lower(), "").startswith(("csv.", "jsonl."))
 
     def check(copy: Path, size: int) -> None:
@@ -105,7 +105,7 @@ def _table_of(path: Path, copy: UnpackedFile) -> Table:
 
 @contextmanager
 def _named(copy: Path, path: Path) -> Iterator[None]:
-    """Have errors name the file that the user named."""
+    """Put the user's path in place of the copy's into errors."""
     try:
         yield
     except (LogError, MissingDependencyError) as error:
@@ -114,7 +114,7 @@ def _named(copy: Path, path: Path) -> Iterator[None]:
 
 @contextmanager
 def _opened(path: Path, suffix: str) -> Iterator[tuple[str, Iterator[bytes]]]:
-    """Open the only file in a compressed one; return its name and its content part by part."""
+    """Open the only file in a compressed one; give its name and its content in parts."""
     if suffix == ".gz":
         with gzip.open(path) as file:
             yield path.stem, chunks_of(file)
@@ -138,7 +138,7 @@ def _zstd_parts(path: Path, packed: BinaryIO) -> Iterator[bytes]:
                 frame = zstandard.ZstdDecompressor(max_window_size=LARGEST_WINDOW).decompressobj()
             yield frame.decompress(rest)
             rest = frame.unused_data if frame.eof else b""
-    if frame is None or not frame.eof:  # which its library does not say
+    if frame is None or not frame.eof:  # zstandard raises no error for it
         raise ValueError("it ends in the middle of a frame")
 
 
@@ -154,13 +154,13 @@ def _only_member(path: Path, found: zipfile.ZipFile) -> zipfile.ZipInfo:
 
 
 def read_columns(path: str | os.PathLike[str]) -> Table:
-    r"""Open a log file of any format; the table knows its columns' names, and reads columns on request.
+    r"""Open a log file of any format; the table has the columns' names, and reads columns on request.
 
     Parameters
     ----------
     path : path
         A file with one of the suffixes in `FORMATS`, perhaps compressed (.gz, .zip, .zst); a folder of Parquet files,
-        the parts of one log in the order of their names, or of a ROS 2 bag; or ``-``, standard input.
+        which are the parts of one log in the order of their names; the folder of a ROS 2 bag; or ``-``, standard input.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def _read_file(path: Path) -> Table:
 
 
 def _check_file(path: Path) -> None:
-    """Check that a path leads to a file with bytes in it: reading a device or a pipe may not end."""
+    """Check that a path is a regular file with content: reading a device or a pipe may never end."""
     about = path.stat()
     if not stat.S_ISREG(about.st_mode):
         raise LogError(
@@ -217,7 +217,7 @@ def _check_file(path: Path) -> None:
 
 
 def _suffix_of_folder(path: Path) -> str:
-    """Return the format of the parts of a log in a folder."""
+    """Return the suffix of the parts of a log in a folder."""
     with _unreadable_as_log_error(path):
         if channels.parts_of(path):
             return ".mcap"
@@ -226,8 +226,8 @@ def _suffix_of_folder(path: Path) -> str:
         if any(part.suffix == ".db3" for part in path.iterdir()):
             raise LogError(f"{path}: a ROS 2 bag in SQLite; write it as MCAP with: ros2 bag convert")
     raise LogError(
-        f"{path}: a directory; give the log file inside it, or a folder of Parquet files; `replant fleet` makes a "
-        "model of each file"
+        f"{path}: a directory; give the log file inside it, or a folder of Parquet files; `replant fleet` fits a "
+        "model to each file"
     )
 
 

@@ -1,4 +1,4 @@
-"""Tables in memory, as pandas, polars and pyarrow have them, as tables of columns such as a file gives."""
+"""Tables in memory, of pandas, polars or pyarrow, as a `Table`."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ def labels_of(frame: Any) -> list[Any]:
 
 
 class Frame:
-    """A table in memory: its columns, and behind them its index, where that may be the time."""
+    """A table in memory: its columns, followed by its index if that may be the time."""
 
     def __init__(self, frame: Any) -> None:
         self._labels = labels_of(frame)
-        parts = [label if type(label) is tuple else (label,) for label in self._labels]  # several of a MultiIndex
+        parts = [label if type(label) is tuple else (label,) for label in self._labels]  # a MultiIndex has several
         names = [".".join(str(part) for part in label if part != "") for label in parts]
-        by_place = getattr(frame, "iloc", None)  # of pandas, where two columns may have one label
+        by_place = getattr(frame, "iloc", None)  # pandas: two columns may have the same label
         columns = [frame[label] if by_place is None else by_place[:, k] for k, label in enumerate(self._labels)]
         self.values = [_array(column) for column in columns]
         self.names, index = names, getattr(frame, "index", None)
-        if index is not None and hasattr(index, "name") and _is_clock(index):  # of other libraries it is a method
+        if index is not None and hasattr(index, "name") and _is_clock(index):  # in other libraries `index` is a method
             names, self.values = [*names, str(index.name or "index")], [*self.values, _array(index)]
         dated = frozenset(number for number, each in enumerate(self.values) if _is_dated(each))
         self.table = Table(NAME, tuple(names), lambda keys: iter([[self._numbers(k) for k in keys]]), in_seconds=dated)
 
     def find(self, role: str, key: Any) -> Any:
-        """Return the number of a column by its label, or as `Table.find` has it; of several a list, of None None."""
+        """Return the number of a column by its label or as `Table.find`; a list for several keys, None for None."""
         if isinstance(key, list | tuple) and key and key not in self._labels:
             return [self.find(role, each) for each in key]
         found = [number for number, label in enumerate(self._labels) if type(label) is type(key) and label == key]
@@ -48,7 +48,7 @@ class Frame:
         if found:
             places = " or ".join(map(str, found))
             raise InvalidArgumentError(
-                f"{role}: {len(found)} columns are called {shown(key)}; give one's number, {places}"
+                f"{role}: {len(found)} columns are called {shown(key)}; give the number of one, {places}"
             )
         try:
             return self.table.find(key)
@@ -58,7 +58,7 @@ class Frame:
 
     @property
     def clock(self) -> int | None:
-        """The column of the time where none is named: an index of times, the one column of such name, or any index."""
+        """The default time column: an index of times, else the only column with a name of time, else another index."""
         named, last = time_candidates(self.names), len(self.names)
         has_index = last < len(self.values)
         if (has_index and last in self.table.in_seconds) or (has_index and len(named) != 1):
@@ -66,7 +66,7 @@ class Frame:
         return named[0] if len(named) == 1 else None
 
     def beside(self, used: set[int | None], rows: int) -> dict[str, FloatArray]:
-        """Return the other columns of numbers that have so many rows, by their names."""
+        """Return the unused numeric columns with this number of rows, by their names."""
         return {
             name: self._numbers(number)
             for number, name in enumerate(self.names)
@@ -80,42 +80,43 @@ class Frame:
         except (TypeError, ValueError, OverflowError):
             row, cell = _first_unreadable(self.values[number])
             where = f"{NAME}: {nth_row(row)}, column {shown(self.table.names[number])}"
-            raise ArgumentTypeError(f"{where}: {shown(cell)} is no number and no date; convert the column") from None
+            problem = f"{shown(cell)} is neither a number nor a date"
+            raise ArgumentTypeError(f"{where}: {problem}; convert the column") from None
 
 
 def _first_unreadable(values: Any) -> tuple[int, Any]:
-    """Return the first row of a column that is no number, or no time where the first one is, and what it holds."""
+    """Return the first row of a column that is not a number, or not a time if the first row is one; and its value."""
     dated = len(values) > 0 and hasattr(values[0], "timestamp")
     for row, cell in enumerate(values.tolist()):
         try:
             cell.timestamp() if dated else float(cell)
         except (TypeError, ValueError, OverflowError, AttributeError):
             return row, cell
-    return 0, values  # of times, one beyond those of NumPy
+    return 0, values  # a time beyond NumPy's range
 
 
 def _array(column: Any) -> Any:
-    """Return a column, or an index, as an array; times with a zone as those of UTC, pandas' NA as NaN."""
+    """Return a column or an index as an array; times with a zone are in UTC, and pandas' NA is NaN."""
     has_zone = getattr(getattr(column, "dtype", None), "tz", None) is not None
     values = np.asarray(column, "datetime64[ns]" if has_zone else None)
     return np.where(column.isna(), np.nan, values) if values.dtype.kind == "O" and hasattr(column, "isna") else values
 
 
 def _is_clock(index: Any) -> bool:
-    """Return whether an index may be the time: whole numbers count the rows, whatever they are called but so."""
+    """Return whether an index may be the time; an integer index counts rows unless it has a name of time."""
     values, name = _array(index), str(index.name or "")
     return _is_dated(values) or bool(time_candidates([name])) or bool(name and values.dtype.kind == "f")
 
 
 def _is_dated(values: Any) -> bool:
-    """Return whether values are times; those with a zone may be objects to NumPy."""
+    """Return whether values are times; NumPy may hold times with a zone as objects."""
     return values.dtype.kind in "mM" or (
         values.dtype.kind == "O" and len(values) > 0 and all(hasattr(each, "timestamp") for each in values)
     )
 
 
 def _seconds(values: Any) -> FloatArray:
-    """Return numbers, and times as seconds since the first one."""
+    """Return numbers as float64, and times as seconds since the first one."""
     if values.ndim != 1 or values.dtype.kind == "c":
         raise TypeError
     if _is_dated(values):

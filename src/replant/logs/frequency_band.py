@@ -1,9 +1,9 @@
-r"""A band of frequencies of a log: every signal through one linear filter, so that G(s) stays.
+r"""Band-pass filtering of a log: one linear filter for every signal, which leaves G(s) unchanged.
 
-What links the samples is linear, y = G u + v.  A filter L(q) applied to both commutes with it: L y = G L u + L v, and
-between its samples the filtered input is what the input was, held or straight.  L is a Butterworth filter of two poles
-an edge, which runs forward from the first sample: below the band it falls with the square of the frequency, so that of
-a drift along a straight line nothing is left.  Until it has forgotten its beginning, outputs are missing.
+The model is linear, y = G u + v.  A filter L(q) commutes with it: L y = G L u + L v; between its samples the filtered
+input is held, or straight, as the input was.  L is a Butterworth filter with two poles for each edge, which runs
+forward from the first sample.  Below the band its gain falls with the square of the frequency, which removes a linear
+drift.  Outputs are missing until the filter's transient has decayed.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from replant.logs.log import Log, changed
 from replant.model.preprocess import accepted
 from replant.numerics.arguments import BoolArray, FloatArray, instance, positive
 
-ORDER = 2  # poles at each edge of the band: the fewest of which a straight drift leaves nothing [count]
-FORGOTTEN = 0.01  # part of its beginning that the filter may still remember where outputs count again [number]
+ORDER = 2  # poles at each edge of the band: the fewest that remove a linear drift [count]
+FORGOTTEN = 0.01  # part of the filter's transient that may remain when outputs count again [number]
 
 
 def bandpass(log: Log, low: float | None = None, high: float | None = None) -> Log:
-    r"""Filter every signal of a log alike, so that frequencies outside a band no longer count.
+    r"""Filter every signal of a log with the same band-pass, so that frequencies outside the band no longer count.
 
     .. math:: L(q)\, y = G(s)\, L(q)\, u + L(q)\, v
 
-    G(s) stays as it is.  Of a model that is too simple, the filter says over which frequencies it is to be right; of
-    drift below the band, or hum above it, that it is no part of the response.  The gain at rest is then known from the
-    band alone.  Each signal keeps its mean.
+    G(s) is unchanged.  The band selects the frequencies at which a model that is too simple is accurate, and removes
+    drift below the band and hum above it.  The static gain is then extrapolated from the band.  Each signal keeps its
+    mean.
 
     Parameters
     ----------
@@ -41,8 +41,8 @@ def bandpass(log: Log, low: float | None = None, high: float | None = None) -> L
     Returns
     -------
     Log
-        Outputs are missing until the filter has forgotten its beginning, about one period of ``low``, and as long
-        behind a gap.
+        Outputs are missing until the filter's transient has decayed, about one period of ``low``; likewise after a
+        gap.
 
     Raises
     ------
@@ -72,21 +72,21 @@ def bandpass(log: Log, low: float | None = None, high: float | None = None) -> L
         lowest = min(edge for edge in (low, high) if edge is not None)
         allowed = 2.0 * count / max(log.input.size, 1) * lowest
         raise InvalidArgumentError(
-            f"an edge of {lowest:g} Hz is too low: the filter forgets its beginning after {count * log.dt:.3g} s, and "
-            f"the log lasts {log.duration:.3g} s; half of that allows {allowed:.2g} Hz"
+            f"an edge of {lowest:g} Hz is too low: the filter's transient lasts {count * log.dt:.3g} s, more than half "
+            f"of the log's {log.duration:.3g} s; the log allows {allowed:.2g} Hz"
         )
     unknown = ~(accepted(log.input)[1] & accepted(log.output)[1])
-    forgets = _calm(unknown, count) & (np.arange(unknown.size) >= count)
+    settled = _without_recent_gap(unknown, count) & (np.arange(unknown.size) >= count)
     output = _filtered(log.output, sections)
-    return changed(log, lambda signal: _filtered(signal, sections), np.where(forgets & ~unknown, output, np.nan))
+    return changed(log, lambda signal: _filtered(signal, sections), np.where(settled & ~unknown, output, np.nan))
 
 
 def _sections(log: Log, low: float | None, high: float | None) -> Any:
-    """Return the filter as sections of second order."""
+    """Return the filter as second-order sections."""
     from scipy import signal as filters  # slow to import
 
     if log.stamps is not None:
-        raise InvalidArgumentError("the clock is irregular: a band is cut on a regular clock; resample the log before")
+        raise InvalidArgumentError("the clock is irregular: a band needs a regular clock; resample the log before")
     if low is None and high is None:
         raise InvalidArgumentError("a band needs a low or a high edge in Hz")
     edges = [positive(name, edge) for name, edge in (("low", low), ("high", high)) if edge is not None]
@@ -102,22 +102,22 @@ def _sections(log: Log, low: float | None, high: float | None) -> Any:
 
 
 def _memory(sections: Any) -> int:
-    """Return after how many samples the slowest mode of the filter has fallen to `FORGOTTEN`."""
+    """Return the number of samples after which the filter's slowest mode has decayed to `FORGOTTEN`."""
     from scipy import signal as filters
 
     slowest = float(np.abs(filters.sos2zpk(sections)[1]).max())
     return math.ceil(math.log(FORGOTTEN) / math.log(min(max(slowest, 1e-300), 1.0 - np.finfo(float).epsneg)))
 
 
-def _calm(unknown: BoolArray, count: int) -> BoolArray:
-    """Return which samples (K,) have no gap of two samples or more in their past ``count`` samples."""
+def _without_recent_gap(unknown: BoolArray, count: int) -> BoolArray:
+    """Return which samples (K,) have no gap of two or more samples among the past ``count`` samples."""
     gap = unknown & np.concatenate([[False], unknown[:-1]])
     past = np.cumsum(gap)
     return np.asarray(past - np.concatenate([np.zeros(min(count, past.size), past.dtype), past[:-count]]) == 0)
 
 
 def _filtered(signal: FloatArray, sections: Any) -> FloatArray:
-    """Return a signal (K,) filtered from rest at its first value, with its mean; what is missing stays so."""
+    """Return a signal (K,) filtered from rest at its first value, with its mean; missing samples stay missing."""
     from scipy import signal as filters
 
     signal, known = accepted(signal)

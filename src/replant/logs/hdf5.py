@@ -1,7 +1,7 @@
-"""HDF5 files (.h5, .hdf5) with h5py, and MATLAB files (.mat) of every version: 7.3 is HDF5, the others are SciPy's.
+"""HDF5 files (.h5, .hdf5), and MATLAB files (.mat) of every version: h5py reads version 7.3, SciPy the older ones.
 
-MATLAB stores each array with its dimensions reversed, and a struct as a group, whose fields are called ``logs.speed``
-as in its older files.
+In version 7.3 MATLAB stores each array with reversed dimensions and a struct as a group; the fields are called
+``logs.speed`` in every version.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from replant.logs.table import MOST_COLUMNS, Table, at_most, damage_as_log_error
 
 _SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
 _MATLAB = f"a MATLAB v7.3 (HDF5) file; {_SAVE_AGAIN}"
-DEEPEST = 64  # groups within each other that are looked into [count]
-MOST_UNWRITTEN = 16  # length of a data set, of which a recorder wrote only a part, in lengths of that part [times]
+DEEPEST = 64  # deepest nesting of groups that is read [count]
+MOST_UNWRITTEN = 16  # largest claimed size of a data set that was written in part [times the size of that part]
 _CLASS, _DECODED = "MATLAB_class", "MATLAB_object_decode"
 _NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 
 
 @dataclass(frozen=True, eq=False)
 class _Array:
-    """A data set of an open file, or a field of one that is a table."""
+    """A data set of an open file, or a field of a data set with several."""
 
     dataset: Any
     field: str | None
     dtype: np.dtype[Any]
-    is_reversed: bool  # whether the file has its dimensions the other way round, as MATLAB writes them
+    is_reversed: bool  # whether the file has the dimensions in reverse order, as MATLAB writes them
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -54,14 +54,14 @@ class _Array:
 
 
 def read_hdf5(path: Path) -> Table:
-    """Open an HDF5 file.  Its columns are vectors, the columns of matrices, and the fields of tables."""
+    """Open an HDF5 file; the columns are vectors, the columns of matrices, and the fields of tables."""
     h5py = needed(path, "h5py", "reading HDF5 needs h5py", "'replant[hdf5]'")
     guard = partial(damage_as_log_error, path, "HDF5 file", "write it again, or copy it again")
     return _table(path, h5py, guard, matlab=False)
 
 
 def reasons(objects: Mapping[str, str]) -> dict[str, str]:
-    """Return, for each object of a MATLAB file, why it cannot be read, and what to do."""
+    """Return for each MATLAB object why it cannot be read, and the remedy."""
     how = {
         "timeseries": "t = {0}.Time; y = {0}.Data; save(...)",
         "timetable": "t = seconds({0}.Properties.RowTimes); y = {0}.Variables; save(...)",
@@ -75,7 +75,7 @@ def reasons(objects: Mapping[str, str]) -> dict[str, str]:
 
 
 def _table(path: Path, h5py: Any, guard: Callable[[], AbstractContextManager[None]], *, matlab: bool) -> Table:
-    """Return the table of a file, which stays open as long as there is the table."""
+    """Return the table of a file; the file stays open as long as the table exists."""
     left_out: dict[str, str] = {}
     with guard():
         file = h5py.File(path, "r")
@@ -83,7 +83,7 @@ def _table(path: Path, h5py: Any, guard: Callable[[], AbstractContextManager[Non
 
 
 def _arrays(path: Path, file: Any, left_out: dict[str, str], *, matlab: bool) -> Iterator[tuple[str, _Array]]:
-    """Yield the arrays of numbers with their names; ``left_out`` is filled with what cannot be read."""
+    """Yield the numeric arrays with their names; the reasons for unreadable ones go into ``left_out``."""
     objects: dict[str, str] = {}
     for place, dataset in _datasets(path, file):
         name = place.replace("/", ".") if matlab else place
@@ -96,7 +96,7 @@ def _arrays(path: Path, file: Any, left_out: dict[str, str], *, matlab: bool) ->
             objects[name] = kind
         elif dataset.shape is not None and (not matlab or kind in _NUMERIC):
             fields: dict[str | None, Any] = {None: dataset.dtype}
-            if dataset.dtype.names is not None:  # a number in a table of one row is no sampling time
+            if dataset.dtype.names is not None:  # in a table of one row, Ts would be taken for the sampling time
                 fields = {field: dataset.dtype[field] for field in dataset.dtype.names if dataset.size > 1}
             for field, dtype in fields.items():
                 if dtype.kind in "biuf" and dtype.shape == ():
@@ -105,7 +105,7 @@ def _arrays(path: Path, file: Any, left_out: dict[str, str], *, matlab: bool) ->
 
 
 def _datasets(path: Path, file: Any) -> list[tuple[str, Any]]:
-    """Return the data sets with their paths; what begins with # is MATLAB's own."""
+    """Return the data sets with their paths; names that begin with # are internal to MATLAB."""
     import h5py
 
     found: list[tuple[str, Any]] = []
@@ -126,7 +126,7 @@ def _datasets(path: Path, file: Any) -> list[tuple[str, Any]]:
 
 
 def _reason_not_to_read(path: Path, name: str, dataset: Any) -> str:
-    """Return why the samples of a data set are not to be had from this file; empty where they are."""
+    """Return why the samples of a data set cannot be read from this file; empty if they can."""
     if dataset.external or dataset.is_virtual:
         return f"{name} lies in another file, which is not read; copy its samples into this one, as h5repack does"
     if dataset.shape is None or dataset.id.get_storage_size() == 0:
@@ -143,7 +143,7 @@ def _reason_not_to_read(path: Path, name: str, dataset: Any) -> str:
 
 
 def _block_rows(signal: Signal) -> int:
-    """Return the rows to read at a time: whole chunks, which are unpacked as a whole."""
+    """Return the number of rows to read at a time: whole chunks, as h5py unpacks each chunk as a whole."""
     dataset, index = signal.array.dataset, signal.index[::-1] if signal.array.is_reversed else signal.index
     if dataset.chunks is None:
         return BLOCK_ROWS
@@ -155,9 +155,9 @@ def _block_rows(signal: Signal) -> int:
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _HEADER_BYTES = 512 + len(_HDF5_MAGIC)  # text with the version, and in a v7.3 file the magic number [bytes]
-_COMPRESSED = 15  # kind of an element of a file that holds another one, compressed [code]
-_FIRST_ELEMENT = 128  # place of the first element [bytes]
-_PART = 1 << 18  # part of a compressed element that is unpacked at a time, to see how long it is [bytes]
+_COMPRESSED = 15  # type of an element that holds a compressed element [code]
+_FIRST_ELEMENT = 128  # offset of the first element [bytes]
+_PART = 1 << 18  # bytes unpacked at a time to measure a compressed element [bytes]
 _NO_SIGNALS = {"char", "cell", "sparse", "function"}
 
 
@@ -180,8 +180,8 @@ def _load(path: Path, head: bytes) -> dict[str, Any]:
 
     sizes = list(at_most(path, _sizes(path, head), "variables"))
     chosen, held = None, sum(sizes)
-    with warnings.catch_warnings(action="ignore"):  # SciPy warns about variables that are no signals
-        with contextlib.suppress(TypeError):  # SciPy lists no objects of classes of MATLAB's
+    with warnings.catch_warnings(action="ignore"):  # SciPy warns about variables of other kinds
+        with contextlib.suppress(TypeError):  # SciPy cannot list a file with objects of MATLAB classes
             listed = scipy.io.whosmat(str(path))
             chosen = [(at, *about) for at, about in enumerate(listed) if _may_be_signal(*about)]
             of = sizes if len(sizes) == len(listed) else [max(sizes, default=0)] * len(listed)
@@ -202,7 +202,7 @@ def _may_be_signal(name: str, shape: tuple[int, ...], kind: str) -> bool:
 
 
 def _sizes(path: Path, head: bytes) -> Iterator[int]:
-    """Yield the unpacked lengths of the variables in the order of the file, in bytes."""
+    """Yield the unpacked size of each variable in bytes, in the order of the file."""
     if len(head) < _FIRST_ELEMENT or head[126:128] not in (b"IM", b"MI"):  # version 4, which is not compressed
         yield path.stat().st_size
         return
@@ -227,8 +227,8 @@ def _unpacked_size(file: Any, length: int) -> int:
 
 
 def _arrays_in(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield the numeric arrays among variables with their names, those in a struct as ``logs.time``."""
-    for deep in (False, True):  # structs within structs are looked into where nothing lies above them
+    """Yield the numeric arrays among variables with their names; a field of a struct is ``logs.time``."""
+    for deep in (False, True):  # nested structs are read only if the outer ones hold no signal
         found = [each for place, held in contents.items() for each in _in_variable(place, held, deep=deep)]
         found = [(name, value) for name, value in found if value.dtype.kind in "biuf"]
         if any(value.size > 1 for _, value in found):
@@ -246,12 +246,12 @@ def _in_variable(name: str, value: Any, *, deep: bool) -> Iterator[tuple[str, ND
 
 
 def _in_struct(name: str, value: NDArray[Any], *, deep: bool) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield the arrays in a struct, or in each of an array of structs, and ``deep`` in the structs within it."""
+    """Yield the arrays in a struct or an array of structs; if ``deep``, also those of nested structs."""
     for of_one, fields in _numbered(name, value, "()"):
         unit = _unit_of_time(fields)
         for field in value.dtype.names or ():
             for place, held in _in_cells(f"{of_one}.{field}", fields[field]):
-                if field == "signals" and held.dtype.names is not None:  # what Simulink logs as a structure with time
+                if field == "signals" and held.dtype.names is not None:  # Simulink's format "structure with time"
                     named = _numbered(place, held, "()") if "values" in held.dtype.names else ()
                     yield from ((f"{one}.values", signal["values"]) for one, signal in named)
                 elif deep and held.dtype.names is not None and not _is_opaque(held):
@@ -263,20 +263,20 @@ def _in_struct(name: str, value: NDArray[Any], *, deep: bool) -> Iterator[tuple[
 
 
 def _numbered(name: str, values: NDArray[Any], marks: str) -> Iterator[tuple[str, Any]]:
-    """Yield the items of an array with their names: of several with their numbers in brackets."""
+    """Yield the items of an array with their names; several items have their number in brackets."""
     for number, value in enumerate(values.reshape(-1), 1):
         yield name if values.size == 1 else f"{name}{marks[0]}{number}{marks[1]}", value
 
 
 def _in_cells(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield the array of a field, or those in its cells: an iddata object has one for each experiment."""
+    """Yield the array of a field, or the arrays in its cells: an iddata object has a cell for each experiment."""
     if isinstance(value, np.ndarray):
         cells = _numbered(name, value, "{}") if value.dtype == object else [(name, value)]
         yield from ((place, cell) for place, cell in cells if isinstance(cell, np.ndarray))
 
 
 def _unit_of_time(fields: Any) -> float | None:
-    """Return the unit of a struct's times in s, which an iddata object states in words; None where it is another."""
+    """Return the unit of a struct's times in s, which an iddata object states as a word; None if it is unknown."""
     stated = fields["TimeUnit"] if "TimeUnit" in fields.dtype.names else None
     if not isinstance(stated, np.ndarray) or stated.size != 1:
         return 1.0
@@ -285,12 +285,12 @@ def _unit_of_time(fields: Any) -> float | None:
 
 
 def _is_opaque(value: Any) -> bool:
-    """Whether it is an object of a class of MATLAB's, of which SciPy knows the name alone."""
+    """Return whether a value is an object of a MATLAB class, of which SciPy reads only the name."""
     return value.dtype.names is not None and {"s0", "s1", "s2", "arr"} <= set(value.dtype.names)
 
 
 def _objects(contents: dict[str, Any]) -> dict[str, str]:
-    """Return the names of the objects that cannot be read, with their classes."""
+    """Return the names and classes of the objects that cannot be read."""
     opaque = [value for value in contents.values() if hasattr(value, "dtype") and _is_opaque(value)]
     return {
         bytes(one["s0"]).decode(errors="replace"): bytes(one["s2"]).decode(errors="replace")

@@ -1,4 +1,4 @@
-"""JSON lines (.jsonl, .ndjson): an object a line; its keys are the columns, an inner object's as ``rig.speed``."""
+"""JSON lines (.jsonl, .ndjson): one object per line; keys are columns, those of an inner object ``rig.speed``."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from replant.logs.text_times import StampFormat, find_format, with_stamps
 from replant.numerics.arguments import FloatArray
 
 BLOCK_ROWS = 1 << 14  # rows read at a time [rows]
-BLOCK_VALUES = 1 << 18  # values in them, from which on there are fewer rows [count]
-DEEPEST = 32  # objects within each other that are looked into [count]
-_SAMPLE_ROWS = 1000  # rows whose keys are the columns [rows]
+BLOCK_VALUES = 1 << 18  # most values in a block; a block of many columns has fewer rows [count]
+DEEPEST = 32  # deepest nesting of objects that is read [count]
+_SAMPLE_ROWS = 1000  # first rows, whose keys are the columns [rows]
 _ENCODING = "utf-8-sig"
 
 _Row = tuple[int, dict[str, Any]]
@@ -33,7 +33,7 @@ _Keys = tuple[str, ...]
 
 @dataclass(frozen=True)
 class _Layout:
-    """What a file holds: the keys of each column, from the outermost, and which columns are dates or clock times."""
+    """The columns of a file: the keys of each, outermost first, and the columns that are dates or clock times."""
 
     path: Path
     keys: tuple[_Keys, ...]
@@ -45,7 +45,7 @@ class _Layout:
 def read(path: Path) -> Table:
     """Open JSON lines; columns: keys of the first 1000 objects; cells: numbers, true, false, null (missing), times."""
     cut = _cut_line(path)
-    given: dict[_Keys, list[Any]] = {}  # of each column the values among the first rows
+    given: dict[_Keys, list[Any]] = {}  # the values of each column in the first rows
     found = 0
     for _, row in islice(_rows(path, is_cut=bool(cut)), _SAMPLE_ROWS):
         for keys, value in _items_of(row):
@@ -53,7 +53,7 @@ def read(path: Path) -> Table:
             given.setdefault(keys, []).append(value)
             if len(given) > MOST_COLUMNS:
                 raise too_many_error(path, "columns")
-        if found > BLOCK_VALUES:  # fewer rows where they are wide
+        if found > BLOCK_VALUES:  # wide rows: fewer suffice
             break
     if not given:
         raise LogError(f"{path}: no object with a key; a log has one object for each sample, each on its own line")

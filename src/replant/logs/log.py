@@ -1,4 +1,4 @@
-"""Log: inputs, one output, perhaps references, and the sampling time, read from a file."""
+"""Log: inputs, one output, optional references, and the sampling time, read from a file."""
 
 from __future__ import annotations
 
@@ -20,43 +20,43 @@ from replant.numerics.time_stamps import is_regular
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Log:
-    """A record of one input and one output, perhaps of a reference, on a regular or an irregular clock.
+    """A record of inputs, one output and optional references, on a regular or an irregular clock.
 
-    Samples that the file marks as missing are NaN; no sample is dropped or repaired.
+    Missing samples are NaN; no sample is dropped or repaired.
 
     Parameters
     ----------
     input, output : float64 array, shape (K,)
         The samples, in the units of the file.
     dt : float
-        Sampling time in seconds; of an irregular clock the usual interval.
+        Sampling time in seconds; the usual interval if the clock is irregular.
     time : float64 array, shape (K,), or None
-        Time stamps in seconds, where the file has them.
+        Time stamps in seconds, if the file has them.
     input_name, output_name : str
         The columns' names in the file.
     path : Path
-        The file; empty where there is none.
+        The file; empty if there is none.
     earlier : int
-        Number of samples before these.  Of a log that is too long for memory only the newest samples are held.
+        Number of samples before these: only the newest samples of a log that is too long for memory are held.
     reference : float64 array, shape (K,), or None
-        The set-point or dither, if its column was asked for.
+        The set-point or dither, if its column was requested.
     reference_name : str
         Name of that column.
     begin, end : float or None
-        The part of the file that was read, in s from its first row; None: from the first, or to the last.
+        The part of the file that was read, in s from its first row; None: from the first row, or to the last.
     irregular : bool or None
-        Whether the clock is irregular, so that its stamps count; None: `time` tells.
+        Whether the clock is irregular, so that the time stamps are used; None: decided from `time`.
     input_hold : {"zoh", "foh"}
-        What the input does between two samples: it is held, or goes on in a straight line.
+        The input between two samples: held, or on a straight line.
     sha256 : str
-        Digest of the file, which a model keeps; empty where it is not known.
+        Digest of the file, which a model keeps; empty if unknown.
     others : mapping of str to float64 array, shape (K,)
-        Further columns of the same rows.  The verdict of `fit` names one that explains what the model leaves.
+        Further columns of the same rows.  The verdict of `fit` names a column that explains the residual.
     more_inputs, more_references : tuple of str
-        Names of those of ``others`` that are inputs or references too, see `inputs` and `references`.
+        Names of the columns in ``others`` that are further inputs or references, see `inputs` and `references`.
     rest : int
-        Number of samples at the beginning that `from_rest` put before the record: `duration` and the counts of samples
-        in a result are those of the record alone.
+        Number of samples that `from_rest` put before the record; `duration` and the counts of samples in a result
+        leave them out.
 
     Examples
     --------
@@ -101,7 +101,7 @@ class Log:
                 if name not in others or (*self.more_inputs, *self.more_references).count(name) > 1:
                     raise InvalidArgumentError(f"{role} must be different names of others, got {name!r}")
         if self.more_references and self.reference is None:
-            raise InvalidArgumentError("more_references are beside a reference: give that too")
+            raise InvalidArgumentError("more_references need a reference: give reference too")
         signals = (self.output, self.time, self.reference, *self.others.values())
         sizes = [self.input.size, *(each.size for each in signals if each is not None)]
         if min(sizes) != max(sizes):
@@ -143,7 +143,7 @@ class Log:
 
     @property
     def reference_names(self) -> tuple[str, ...]:
-        """Names of all references: `reference_name`, then `more_references`; none without a reference."""
+        """Names of all references: `reference_name`, then `more_references`; empty without a reference."""
         return () if self.reference is None else (self.reference_name, *self.more_references)
 
     @property
@@ -157,7 +157,7 @@ class Log:
     def stamps(self) -> NDArray[np.float64] | None:
         """Time stamps (K,) of an irregular clock in s, for `fit` and `update_many`; None for a regular clock.
 
-        Without stamps both take the samples as ``dt`` apart, which cancels the rounding of a regular clock's stamps.
+        Without stamps both use the exact interval ``dt``, which removes the rounding of a regular clock's stamps.
 
         Examples
         --------
@@ -175,14 +175,14 @@ class Log:
 
     @property
     def duration(self) -> float:
-        """Duration in s: from the first sample to the last, and one sampling time for the last one."""
+        """Duration in s: from the first sample to the last, plus one sampling time."""
         if self.stamps is None:
             return (len(self) - self.rest) * self.dt
-        first = 0.0 if self.earlier else float(self.stamps[0])  # of a part, the time counts from the record's begin
+        first = 0.0 if self.earlier else float(self.stamps[0])  # a part's stamps count from the record's start
         return float(self.stamps[-1]) - first + self.dt - self.rest * self.dt
 
     def to_pandas(self) -> Any:
-        """Return a `pandas.DataFrame` of signals and other columns over time in s; its ``attrs`` hold the rest.
+        """Return a `pandas.DataFrame` of all columns over time in s; its ``attrs`` hold roles, units, dt and file.
 
         Raises
         ------
@@ -205,8 +205,8 @@ class Log:
     def to_xarray(self) -> Any:
         """Return an `xarray.Dataset` of the signals over time in s; their names and units are attributes.
 
-        The variables are ``input``, ``output`` and, if there is one, ``reference``; further ones ``input_2``,
-        ``reference_2`` and so on.  Other columns have their own names.
+        The variables are ``input``, ``output`` and, if there is one, ``reference``; further inputs and references are
+        ``input_2``, ``reference_2`` and so on.  Other columns keep their names.
 
         Raises
         ------
@@ -238,7 +238,7 @@ class Log:
 def changed(
     log: Log, change: Callable[[NDArray[np.float64]], NDArray[np.float64]], output: NDArray[np.float64], **others: Any
 ) -> Log:
-    """Return a log whose signals but the output are changed by a function."""
+    """Return a log with ``change`` applied to every signal except the output, which is replaced."""
     return replace(
         log, input=change(log.input), output=output,
         reference=None if log.reference is None else change(log.reference),
@@ -247,18 +247,18 @@ def changed(
 
 
 def unused(others: Mapping[str, NDArray[np.float64]], *used: tuple[str, ...]) -> dict[str, NDArray[np.float64]]:
-    """Return those of further columns that are not among some names."""
+    """Return the further columns whose names are not in ``used``."""
     return {name: signal for name, signal in others.items() if not any(name in names for names in used)}
 
 
 def without_rest(rejected: Mapping[str, int], reason: str, rest: int) -> dict[str, int]:
-    """Return counts of rejected samples without those that `from_rest` put before a log, which went by a reason."""
+    """Return counts of rejected samples without the ``rest`` samples of `from_rest`, which count under ``reason``."""
     return {name: max(0, count - rest) if name == reason else count for name, count in rejected.items()}
 
 
 def check_one_reference(count: int) -> None:
-    """Raise InvalidArgumentError where one input has several references."""
+    """Raise InvalidArgumentError if one input has several references."""
     if count > 1:
         raise InvalidArgumentError(
-            f"one input takes one reference, got {count}: give one of them, or name the other inputs, too"
+            f"one input takes one reference, got {count}: give one reference, or name the other inputs, too"
         )

@@ -1,15 +1,16 @@
-"""Tables of channels with time stamps of their own, and how their rasters are merged exactly.
+"""Tables of channels with their own time stamps, and their exact merge.
 
-Nothing is resampled.  At a time t the input is the value of its newest stamp, u(t) = u_k for t_k <= t < t_(k+1), as an
-actuator holds it; the reference likewise.  The output is known at its own stamps alone.
+Nothing is resampled.  The input holds its newest value, u(t) = u_k for t_k <= t < t_(k+1), as an actuator does; the
+reference likewise.  The output is known only at its own stamps.
 
-The rows are the stamps of the output, if the input changes at none but them: then nothing is lost.  Otherwise a change
-between two outputs would come too late, by up to an interval, which looks like dead time.  The rows then are the stamps
-of output and input together, and the output is NaN, a missing one, where it was not measured.  Of rasters that nest, as
-10 ms and 100 ms, the finer one results, with a regular clock.  While the output pauses, the rows are the stamps of the
-input: a gap would say that the input of the meantime is not known.
+If the input changes only at stamps of the output, the rows are the stamps of the output, and nothing is lost.
+Otherwise a change between two outputs would appear up to one interval late, as dead time.  The rows then are the stamps
+of output and input together, and the output is NaN at the stamps without a measurement.  Nested rasters, such as 10 ms
+and 100 ms, give the finer one, with a regular clock.  During a pause of the output, the rows are the stamps of the
+input: a gap there would mean that the input is unknown.
 
-A table may have such channels, too: a row for each value of each signal, or an input that is written where it changes.
+A table may hold channels of this kind, too: one row for each value of each signal, or an input that is written only
+when it changes.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from replant.logs.table import Table, listed
 from replant.numerics.arguments import FloatArray
 from replant.numerics.robust import last_known
 
-ROUNDING = 4.0  # difference of equal stamps, as 3 * 0.1 and 0.3 [spacings of float64 at the latest stamp]
+ROUNDING = 4.0  # largest difference of equal stamps, as 3 * 0.1 and 0.3 [spacings of float64 at the latest stamp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ class Merged:
 
 
 def merge(output: Signal, held: Sequence[Signal]) -> Merged:
-    """Merge an output with inputs and references, each of a sample or more, over the time for which all are known."""
+    """Merge an output with inputs and references over the time in which all are known; each has at least one sample."""
     for signal in (output, *held):
         if not np.all(np.isfinite(signal.t)) or np.any(np.diff(signal.t) < 0.0):
             raise ValueError("the time stamps of a signal must be finite and never decrease")
@@ -58,8 +59,8 @@ def merge(output: Signal, held: Sequence[Signal]) -> Merged:
     held = [Signal(_snapped(signal.t, output.t, tolerance), signal.values) for signal in held]
     inside = np.ones(output.t.size, np.bool_)
     for signal in held:
-        # its last value holds for no longer than its longest interval: the logger may have lost it then; the only value
-        # of a signal that was logged once is held for ever
+        # the last value is held for at most the longest interval, as the logger may have lost the signal then; a signal
+        # with a single value is held for ever
         until = float(signal.t[-1] + np.diff(signal.t).max()) if signal.t.size > 1 else np.inf
         inside &= (output.t >= signal.t[0]) & (output.t < until - tolerance)
     t, y = output.t[inside], output.values[inside]
@@ -76,7 +77,7 @@ def merge(output: Signal, held: Sequence[Signal]) -> Merged:
 
 
 def _snapped(t: FloatArray, grid: FloatArray, tolerance: float) -> FloatArray:
-    """Return stamps, each replaced by that of the grid which it equals but for rounding."""
+    """Return stamps; one that equals a stamp of the grid apart from rounding is replaced by it."""
     right = np.clip(np.searchsorted(grid, t), 0, grid.size - 1)
     left = np.maximum(right - 1, 0)
     nearest = np.where(np.abs(grid[left] - t) < np.abs(grid[right] - t), grid[left], grid[right])
@@ -84,7 +85,7 @@ def _snapped(t: FloatArray, grid: FloatArray, tolerance: float) -> FloatArray:
 
 
 def _in_a_pause(t: FloatArray, output: FloatArray) -> NDArray[np.bool_]:
-    """Return which stamps lie between two of the output (K,) that come much later than usual."""
+    """Return which stamps lie in a pause of the output, whose stamps are ``output`` (K,)."""
     steps = np.diff(output)
     if not steps.size:
         return np.zeros(t.size, np.bool_)
@@ -92,21 +93,21 @@ def _in_a_pause(t: FloatArray, output: FloatArray) -> NDArray[np.bool_]:
 
 
 def _changes(values: FloatArray) -> NDArray[np.bool_]:
-    """Return which values differ from the one before; a missing one does not differ from another missing one."""
+    """Return which values differ from the previous one; two missing values are equal."""
     same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
     return np.concatenate([np.zeros(min(values.size, 1), np.bool_), ~same])
 
 
-_KEPT = 4  # channels of a table that are held in memory [count]
+_KEPT = 4  # channels of a table held in memory [count]
 TIME = "time"  # name of the column of merged stamps
 
 
 def channel_table(path: Path, channels: Sequence[tuple[str, Callable[[], Signal]]]) -> Table:
-    """Make a table of channels, each a name and what reads it when it is requested."""
+    """Make a table of channels; each is a name and a function that reads the channel on request."""
     if not channels:
         raise LogError(f"{path}: no channel of numbers with time stamps in the file; choose another file")
 
-    @lru_cache(maxsize=_KEPT)  # values and stamps are asked for one after the other
+    @lru_cache(maxsize=_KEPT)  # values and stamps are requested separately
     def signal(number: int) -> Signal:
         _, read = channels[number]
         return read()
@@ -120,7 +121,7 @@ def channel_table(path: Path, channels: Sequence[tuple[str, Callable[[], Signal]
 
 
 def on_one_clock(table: Table, roles: dict[str, int], *, is_timed: bool) -> tuple[Table, dict[str, int]]:
-    """Return columns that may have stamps of their own as columns of one clock."""
+    """Return a table on one clock: columns with their own stamps are merged, or must have equal ones if timed."""
     if table.stamps is None:
         return table, roles
     if not is_timed:
@@ -129,16 +130,16 @@ def on_one_clock(table: Table, roles: dict[str, int], *, is_timed: bool) -> tupl
     if not all(np.array_equal(first, other) for other in others):
         names = listed([shown(table.names[number]) for number in roles.values()])
         raise LogError(
-            f"{table.path}: columns {names} have different time stamps; leave the time (time, --time) and the sampling "
-            "time (dt, --dt) out, and they are merged"
+            f"{table.path}: columns {names} have different time stamps; leave out the time (time, --time) and the "
+            "sampling time (dt, --dt) to merge them"
         )
     return table, roles
 
 
 def written_apart(table: Table, roles: Mapping[str, int], dt: float | None) -> tuple[Table, dict[str, int]] | None:
-    """Return columns of one clock where most outputs come without an input, and inputs alone; None elsewhere.
+    """Return the merged table if inputs and output are mostly written in separate rows, else None.
 
-    Without a column of time the rows are ``dt`` apart, in s.
+    Without a time column the rows are ``dt`` apart, in s.
     """
     numbers = list(roles.values())
     if table.stamps is not None or not _some_apart(roles, table.head(numbers, 1)):
@@ -155,8 +156,8 @@ def written_apart(table: Table, roles: Mapping[str, int], dt: float | None) -> t
         assert dt is not None
         t = np.asarray(dt * np.arange(columns[roles["output"]].size), np.float64)
     notes = [
-        f"{table.path}: column {shown(table.names[number])} is empty in {rows:,} of {t.size:,} rows, and taken to hold "
-        "from each value to the next"
+        f"{table.path}: column {shown(table.names[number])} is empty in {rows:,} of {t.size:,} rows; each value is "
+        "held until the next"
         for number, rows in empty.items()
     ]
     columns |= {number: last_known(columns[number]) for number in empty}
@@ -170,7 +171,7 @@ def written_apart(table: Table, roles: Mapping[str, int], dt: float | None) -> t
 
 
 def _some_apart(roles: Mapping[str, int], columns: Sequence[FloatArray]) -> dict[int, int]:
-    """Return the inputs and references that are written apart from the output, and how many of their rows are empty."""
+    """Return the inputs and references written in rows without an output, with the number of their empty rows."""
     each = dict(zip(roles, columns, strict=True))
     y, found = np.isfinite(each["output"]), {}
     for role, column in each.items():
@@ -183,18 +184,18 @@ def _some_apart(roles: Mapping[str, int], columns: Sequence[FloatArray]) -> dict
 
 
 def _stand_alone(known: NDArray[np.bool_]) -> bool:
-    """Return whether most values (K,) have none before: of a sensor that fails for a while several come in a row."""
+    """Return whether most values (K,) follow an empty row; a sensor with dropouts gives runs of values instead."""
     return bool(2 * np.count_nonzero(known & ~np.append(False, known[:-1])) > np.count_nonzero(known))
 
 
 def held_where_empty(values: FloatArray) -> FloatArray:
-    """Return a column to look at: where at most half of its rows hold a number, each is held until the next one."""
+    """Return a column for inspection: if at most half of its rows hold a number, each is held until the next."""
     known = np.isfinite(values)
     return last_known(values) if 0 < 2 * np.count_nonzero(known) <= known.size and _stand_alone(known) else values
 
 
 def merged(table: Table, roles: Mapping[str, int]) -> Table:
-    """Return a table with the time, and the columns of ``roles`` at common stamps; see `merge`."""
+    """Return a table of the time and the columns of ``roles`` at common stamps; see `merge`."""
     assert table.stamps is not None
     columns = table.columns(list(roles.values()))
     signals = {}
@@ -219,7 +220,7 @@ def merged(table: Table, roles: Mapping[str, int]) -> Table:
 
 
 def side_by_side(table: Table) -> Table:
-    """Return a table to look at: every channel at the stamps of the one with the most samples, these as the time."""
+    """Return a table for inspection: every channel at the stamps of the channel with the most samples."""
     if table.stamps is None:
         return table
     stamps, problems = {}, []

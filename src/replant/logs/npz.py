@@ -1,4 +1,4 @@
-"""Arrays as the columns of a table, read block by block; and NumPy archives (.npz), unpacked for that."""
+"""Arrays as the columns of a table, read in blocks; and NumPy archives (.npz), whose arrays are unpacked to files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SUFFIX = ".npy"
 
 @dataclass(frozen=True)
 class Signal:
-    """A column: its name, the array that it lies in, its index there, and its length."""
+    """A column: its name, the array that contains it, its index there, and its length."""
 
     name: str
     array: Any
@@ -40,7 +40,7 @@ class Signal:
 
 
 def signals_in(name: str, array: Any) -> Iterator[Signal]:
-    """Yield the signals in an array, by its shape: a vector itself, a matrix along its longer side."""
+    """Yield the signals in an array: a vector is one signal, a matrix has one for each index of its shorter side."""
     every, shape = slice(None), array.shape
     long = [axis for axis, length in enumerate(shape) if length != 1]
     if len(long) == 1 and shape[long[0]] > 1:
@@ -55,7 +55,7 @@ def signals_in(name: str, array: Any) -> Iterator[Signal]:
 
 
 def is_sampling_time(name: str, array: Any) -> bool:
-    """Return whether an array is a number that states the sampling time."""
+    """Return whether an array is a single number called Ts."""
     own = name.replace("/", ".").rpartition(".")[2].partition("{")[0]  # Ts{2}: in a cell
     return own == SAMPLING_TIME and array.dtype.kind in "iuf" and int(np.prod(array.shape)) == 1
 
@@ -67,9 +67,9 @@ def table_of_arrays(
     guard: Callable[[], AbstractContextManager[None]],
     block_rows: Callable[[Signal], int] = lambda signal: BLOCK_ROWS,
 ) -> Table:
-    """Make a table from named arrays of numbers, which have a shape and a dtype; one number called Ts is dt.
+    """Make a table from named arrays of numbers, which have a shape and a dtype; a number called Ts is dt.
 
-    They are read within ``guard``, some rows at a time; ``left_out`` says why something is no signal.
+    The arrays are read within ``guard``, some rows at a time; ``left_out`` has the reasons for omitted names.
     """
     scalars: list[tuple[str, float]] = []
 
@@ -93,7 +93,7 @@ def table_of_arrays(
         lengths = {signal.rows for signal in chosen}
         with guard():
             step = max(map(block_rows, chosen), default=1)
-            if len(lengths) > 1:  # which the caller says; none can be cut into blocks
+            if len(lengths) > 1:  # the caller reports it; columns of different lengths have no common blocks
                 allow(held=8 * sum(signal.rows for signal in chosen))
                 step = max(lengths)
             for begin in range(0, max(lengths, default=0), step):
@@ -110,7 +110,7 @@ def table_of_arrays(
 
 
 def _stated_dt(path: Path, scalars: Sequence[tuple[str, float]]) -> float | None:
-    """Return the sampling time that scalars called Ts state; None if there is none, or they differ."""
+    """Return the sampling time from scalars called Ts; None if there are none or they differ."""
     if len({value for _, value in scalars}) != 1:
         return None
     name, value = scalars[0]
@@ -121,11 +121,11 @@ def _stated_dt(path: Path, scalars: Sequence[tuple[str, float]]) -> float | None
 
 @dataclass(frozen=True, eq=False)
 class _Array:
-    """An array of an archive, which is unpacked when it is read."""
+    """An array of an archive, unpacked when it is first read."""
 
     path: Path
     member: str
-    offset: int  # of its first item, behind the header
+    offset: int  # of its first item, after the header
     shape: tuple[int, ...]
     is_fortran: bool
     dtype: np.dtype[Any]
@@ -154,7 +154,7 @@ def read(path: Path) -> Table:
 
 
 def _arrays(path: Path) -> Iterator[tuple[str, _Array]]:
-    """Yield the arrays of numbers; Python objects are no signals, and unsafe to load."""
+    """Yield the arrays of numbers; Python objects are not signals, and unsafe to load."""
     with open_zip(path) as archive:
         for member in {each.filename: each for each in archive.infolist()}.values():
             if not member.filename.endswith(_SUFFIX):

@@ -1,9 +1,9 @@
-"""A second Python in which a parser reads a file: on damaged bytes it may crash, hang, or take memory without end.
+"""A parser process: a second Python reads the file, as a parser may crash, hang or exhaust memory on damaged bytes.
 
-`read` starts it without running the user's script again.  It serves one table, and ends with it, or with a pass over it
-that is not finished.  Requests and answers are pickled, as between the processes of `multiprocessing`; the highest
-protocol copies no array.  The process begins with an allowance of memory and time that is the same for every file; a
-reader that holds samples asks for more when it has found them (`allow`); what a file merely claims gives none.
+`read` starts it without running the user's script again.  The process serves one table and ends with that table, or
+with an unfinished pass over it.  Requests and answers are pickled, as by `multiprocessing`; the highest protocol copies
+no array.  The process starts with limits of memory and time that are the same for every file; a reader raises them with
+`allow` for samples that it has found, never for samples that the file only claims.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from replant.logs.table import Arrays, Table
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import end_process, reason_of
 
-MEMORY = 128 << 20  # for any file, beside the libraries: with these and the caller below 300 MB [bytes]
-SECONDS = 9  # processor time that it may take for any file [s]
-HELD = 2  # memory for samples that a reader holds: as the file has them, and as float64 [times their size as float64]
-SECONDS_PER_BYTE = 1e-6  # further processor time for each byte: parsers in Python read some 5 MB in a second [s]
+MEMORY = 128 << 20  # memory for any file, without the libraries; with them and the caller below 300 MB [bytes]
+SECONDS = 9  # processor time for any file [s]
+HELD = 2  # memory for held samples, once in the file's type and once as float64 [times their size as float64]
+SECONDS_PER_BYTE = 1e-6  # further processor time for each byte: parsers in Python read some 5 MB/s [s]
 SECONDS_PER_SAMPLE = 4e-5  # further processor time for each sample found: a cell of a workbook takes some 8e-6 s [s]
-STILL = 120.0  # time to answer in: bounds what the limit of processor time does not, a parser that waits [s]
-STILL_PER_BYTE = 1e-5  # further time for each byte of the file [s]
-ENVIRONMENT = {  # each thread takes memory, and Arrow's own allocators reserve a gigabyte
+STILL = 120.0  # timeout of an answer: stops a parser that waits and uses no processor time [s]
+STILL_PER_BYTE = 1e-5  # further timeout for each byte of the file [s]
+ENVIRONMENT = {  # fewer threads, and the system's allocator: each thread takes memory, Arrow's allocators reserve 1 GB
     "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_IO_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system",
 }  # fmt: skip
-# what the process is called with: this, reader, file, libraries, modules that must not be imported, folders to import
-# from; these at the end, so that no module of the user hides one of Python
+# arguments of the process: this program, reader, file, libraries, modules that must not be imported, import folders;
+# the folders go to the end of sys.path, so that no module of the user hides one of Python
 BEGIN = "import sys; sys.path += sys.argv[5:]; from replant.logs.parser_process import main; main()"
-_ENDING = 10.0  # time within which a process ends that has ended its output [s]
-_TO_ANSWER = 1 << 20  # memory kept for the answer [bytes]
+_ENDING = 10.0  # timeout for the end of a process that has closed its output [s]
+_TO_ANSWER = 1 << 20  # memory granted for the answer with an error [bytes]
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}
 _AGAIN = "write it again, or export the log as CSV"
 
@@ -54,20 +54,20 @@ Reader = Callable[[Path], Table]
 
 @dataclass(frozen=True)
 class Parser:
-    """What reads a kind of files, by their suffixes: without a library, Python and NumPy alone, and here."""
+    """A file format: its suffixes and its library.  A format without a library is read in this process."""
 
     suffixes: str
     kind: str = ""
     library: str = ""
-    imports: tuple[str, ...] = ()  # before memory is limited
+    imports: tuple[str, ...] = ()  # modules imported before memory is limited
     remedy: str = _AGAIN
-    without: tuple[str, ...] = ()  # what these would import beside, and do not need
+    without: tuple[str, ...] = ()  # modules that these would import without need
 
 
-# For each function of a module in this folder, read(path) -> Table; it is imported when such a file is opened
+# The readers, as module.function of this folder: read(path) -> Table; a module is imported when it is first needed
 PARSERS = {
     "csv.read": Parser(".csv .txt .tsv .dat"),
-    # pandas, which pyarrow imports to convert a column, takes 50 MB and ten times what reading a short file takes
+    # pyarrow imports pandas to convert a column; that takes 50 MB, and ten times as long as reading a short file
     "arrow.read_parquet": Parser(
         ".parquet .pq", "a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute"), without=("pandas",)
     ),
@@ -96,21 +96,21 @@ def reader(name: str) -> Reader:
     return read
 
 
-# --- the process that asks
+# --- the calling process
 
 
 def is_apart(name: str) -> bool:
-    """Return whether a reader runs in a process of its own: where there is a Python to start, not in a program."""
+    """Return whether a reader gets its own process: it uses a library, and Python is not frozen into a program."""
     return bool(PARSERS[name].library and sys.executable) and not getattr(sys, "frozen", False)
 
 
 def read(path: Path, reader: str) -> Table:
-    """Open a file by a reader, in a process of its own."""
+    """Open a file with a reader in its own process."""
     first = _Process(path, reader)
     about, idle = first.about, [first]
 
     def answers(name: str, argument: Any) -> Iterator[Any]:
-        process = idle.pop() if idle else _Process(path, reader)  # the latter for two passes at once
+        process = idle.pop() if idle else _Process(path, reader)  # a second process for two passes at once
         if process.about != about:
             raise LogError(f"{path}: the file has changed since it was opened; start again")
         try:
@@ -165,7 +165,7 @@ class _Process:
     def answers(self, name: str, argument: Any) -> Iterator[Any]:
         """Yield the answers to a request: a function of the table, and its argument."""
         assert self._process.stdin is not None
-        with contextlib.suppress(OSError):  # it has ended, which the answer says
+        with contextlib.suppress(OSError):  # if the process has ended, `_answer` raises the error
             pickle.dump((name, argument), self._process.stdin)
             self._process.stdin.flush()
         while (answer := self._answer()) is not None:
@@ -175,7 +175,7 @@ class _Process:
         late, process = threading.Event(), self._process
         output: Any = process.stdout
 
-        def stop() -> None:  # holds the process alone, as its thread may outlive this object
+        def stop() -> None:  # keeps no reference to self: the timer's thread may outlive it
             late.set()
             process.kill()
 
@@ -184,7 +184,7 @@ class _Process:
         timer.start()
         try:
             answer = pickle.load(output)
-        except Exception:  # it has ended, or written something else, of which unpickling raises nearly any exception
+        except Exception:  # it has ended, or its output is no pickle, on which unpickling raises nearly any exception
             raise self._ended(is_late=late.is_set()) from None
         finally:
             timer.cancel()
@@ -201,14 +201,14 @@ class _Process:
             )
         try:
             code = self._process.wait(_ENDING)
-        except subprocess.TimeoutExpired:  # it has closed its output alone, or written something else
+        except subprocess.TimeoutExpired:  # it runs on: it has closed its output, or written something else
             self._process.kill()
             code = self._process.wait()
         name = signal.Signals(-code).name if -code in set(signal.Signals) else f"code {code}"
         if name == "SIGXCPU":
             return LogError(
                 f"{path}: reading it takes more processor time than its samples justify: {parser.kind} that is "
-                f"damaged, or holds much else; {parser.remedy}"
+                f"damaged, or holds mostly other data; {parser.remedy}"
             )
         if name in _CRASHES or os.name == "nt":
             return LogError(
@@ -217,18 +217,18 @@ class _Process:
         return LogError(f"{path}: the process that reads it was ended ({name}); free some memory, and try again")
 
 
-# --- the process that reads
+# --- the parser process
 
 
 def main() -> None:
-    """Read a file as the arguments say, and answer requests about it; see `BEGIN`."""
+    """Read the file that the arguments name, and answer requests about it; see `BEGIN`."""
     function, name, libraries, absent = sys.argv[1:5]
     out = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # some libraries print what they cannot read
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # some libraries print their errors
     sys.meta_path.insert(0, _Without(absent.split(",")))
     read, parser, path = reader(function), PARSERS[function], Path(name)
     for library in libraries.split(","):
-        with contextlib.suppress(ImportError):  # which the reader says
+        with contextlib.suppress(ImportError):  # the reader reports it
             importlib.import_module(library)
     begin(path.stat().st_size if path.is_file() else 0)
 
@@ -241,30 +241,30 @@ def main() -> None:
             for answer in _answers(read(path)):
                 send(answer)
         except Exception as error:
-            allow(held=_TO_ANSWER)  # what the error still holds may be all that was allowed
+            allow(held=_TO_ANSWER)  # the error's traceback may still hold all the memory allowed
             if isinstance(error, OSError) and error.errno is not None:
                 error = OSError(error.errno, error.strerror)
-            elif not isinstance(error, ReplantError):  # which only the libraries may know
+            elif not isinstance(error, ReplantError):  # the caller may not be able to import its class
                 reason = reason_of(error)[:120]
                 error = LogError(f"{path}: not readable as {parser.kind} ({reason}); {parser.remedy}")
             send(error)
-    os._exit(0)  # nothing of a damaged file is to be put in order
+    os._exit(0)  # skip the libraries' clean-up, which may fail on a damaged file
 
 
 class _Without(MetaPathFinder):
-    """Some modules are not there: None in `sys.modules` says so too, but Cython takes it for the module."""
+    """An import hook that hides modules: Cython would take None in `sys.modules` for the module."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = frozenset(names)
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> None:
-        """Refuse them; others are found as ever."""
+        """Refuse the hidden modules; leave others to the next finder."""
         if name in self._names:
             raise ModuleNotFoundError(f"{name} is not imported here", name=name)
 
 
 def _answers(table: Table) -> Iterator[Any]:
-    """Yield what a table tells of itself; then the answers to each request, which None ends."""
+    """Yield the table's plain fields, then the answers to each request; None ends each request."""
     yield {name: each for name, each in vars(table).items() if not callable(each)}
     requests: Any = sys.stdin.buffer
     while requests.peek(1):
@@ -281,16 +281,16 @@ def _answers(table: Table) -> Iterator[Any]:
 
 # --- its limits
 
-_limits: dict[int, float] = {}  # of this process, by the system's numbers for memory [bytes] and processor time [s]
+_limits: dict[int, float] = {}  # limits of this process by resource number: memory [bytes] and processor time [s]
 
 
 def begin(size: int) -> None:
-    """Limit this process for a file of so many bytes; the system gives it no more.  Windows has no such limits."""
+    """Limit the memory and processor time of this process for a file of ``size`` bytes; Windows has no such limits."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        data = 1 << 62  # where the system does not tell what counts
+        data = 1 << 62  # no limit if the system does not report the present size
         with contextlib.suppress(OSError):
             data = int(Path("/proc/self/statm").read_text().split()[5]) * resource.getpagesize()
         used = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
@@ -299,7 +299,7 @@ def begin(size: int) -> None:
 
 
 def allow(*, held: float = 0, found: float = 0) -> None:
-    """Raise the limits of the process that reads: for bytes that it holds as float64, for samples that it has found."""
+    """Raise the limits of the parser process for ``held`` bytes of float64 and for ``found`` samples."""
     if not _limits:
         return
     import resource
@@ -309,7 +309,7 @@ def allow(*, held: float = 0, found: float = 0) -> None:
 
 
 def _limit(kind: int, most: float) -> None:
-    """Limit this process, to whole numbers and no more than the system allows it."""
+    """Set a limit of this process, rounded down and at most the system's hard limit."""
     import resource
 
     hard = resource.getrlimit(kind)[1]

@@ -1,4 +1,4 @@
-"""Read a log: columns of a file of any format give input, output, reference and time."""
+"""Read a log: select input, output, reference and time among the columns of a file of any format."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _NAMED = re.compile(r"\((\w+(?:, \w+)*)(?:, --\w+)+\)")  # arguments with their 
 
 @contextmanager
 def in_python(clock: str = "time") -> Iterator[None]:
-    """Name arguments alone in an error, without the command line's options, and the time as the caller does."""
+    """Remove the command line's options from errors; the argument ``time`` is named ``clock``."""
     try:
         yield
     except ReplantError as error:
@@ -61,29 +61,30 @@ def read_log(
     begin: float | None = None,
     end: float | None = None,
 ) -> Log:
-    """Read input and output of a plant, and perhaps references, from a recorded log.
+    """Read the inputs, the output and optional references of a plant from a recorded log.
 
-    Without `time` and `dt`, a column called t, time or timestamp (in any case, also with a unit as in ``time [s]``)
-    gives the sampling time, else the only column of dates or clock times, else a number called Ts in a .mat, .npz or
-    HDF5 file.  What is left out, such as a last line that was cut off, is warned of.
+    Without `time` and `dt`, the sampling time comes from a column called t, time or timestamp (in any case, also with a
+    unit as in ``time [s]``), else from the only column of dates or clock times, else from a number called Ts in a .mat,
+    .npz or HDF5 file.  A warning reports parts that are left out, such as a last line that was cut off.
 
     Parameters
     ----------
     path : path or table
         A file of text, .jsonl, .parquet, .feather, .xlsx, .h5, .mat, .npz, .tdms, .mf4, .ulg, .mcap, perhaps compressed
-        (.gz, .zip, .zst); a folder of Parquet files, the parts of one log in the order of their names, or of a ROS 2
-        bag; ``-``, standard input; or a table of pandas, polars or pyarrow, whose index may be the time.
+        (.gz, .zip, .zst); a folder of Parquet files, which are the parts of one log in the order of their names; the
+        folder of a ROS 2 bag; ``-``, standard input; or a table of pandas, polars or pyarrow, whose index may be the
+        time.
     input, output : str or int
-        The columns, by name (a unit at its end may be left out) or 0-based number; of several inputs a list.  In .mat
-        and .npz files also ``udat[:,0]`` and ``logs.udat[:,0]``.  Columns with stamps of their own are merged.
+        The columns, by name (a unit at its end may be omitted) or 0-based number; a list for several inputs.  In .mat
+        and .npz files also ``udat[:,0]`` and ``logs.udat[:,0]``.  Columns with their own time stamps are merged.
     time : str or int, optional
-        The column of time stamps: dates, clock times, or numbers in seconds or the unit that its name states
-        (``t [ms]``).  They must increase; the stamps of an irregular clock count, see `Log.stamps`.
+        The column of time stamps: dates, clock times, or numbers in seconds or in the unit that its name states
+        (``t [ms]``).  They must increase.  The stamps of an irregular clock are used, see `Log.stamps`.
     dt : float, optional
         The sampling time in seconds, instead of `time`.
     reference : str or int, optional
-        The column of the reference: set-point or dither of a controller, applied from outside; beside several inputs
-        a list of one or several.
+        The column of the reference: a controller's set-point or a dither, applied from outside; with several inputs,
+        perhaps a list.
     begin, end : float, optional
         Read only the rows between these times, in s from the first row of the log.
 
@@ -95,8 +96,7 @@ def read_log(
     Raises
     ------
     LogError
-        If the file or a column cannot be read, or a time stamp repeats or goes back: one line that says where and what
-        to do.
+        If the file or a column cannot be read, or a time stamp repeats or goes back: one line with place and remedy.
     InvalidArgumentError
         If `time` and `dt` are both given, `dt` is not finite and positive, or the time range is empty.
     MissingDependencyError
@@ -141,7 +141,7 @@ def log_of_frame(
 
 
 def _held(recording: Recording) -> Log:
-    """Return the log of a recording in memory, and warn where the package was called of what there is to say."""
+    """Return the log of a recording in memory; its notes become warnings at the line that called the package."""
     ours, level, depth, place = str(Path(__file__).parents[1]), 1, 1, inspect.currentframe()
     while recording.table.notes and place is not None:
         level = depth + 1 if place.f_code.co_filename.startswith(ours) else level
@@ -165,9 +165,9 @@ def open_recording(
     most_held: int = MOST_HELD,
     progress: Callable[[int, int], None] = lambda rows, about: None,
 ) -> Recording:
-    """Check a recorded log from its first row to its last, and open it; of several inputs or references all is held."""
+    """Check all rows of a recorded log, and open it; a log with several inputs or references is held in memory."""
     if time is not None and dt is not None:
-        raise InvalidArgumentError("give one of the time column (time, --time) and the sampling time (dt, --dt)")
+        raise InvalidArgumentError("give either the time column (time, --time) or the sampling time (dt, --dt)")
     step = None if dt is None else check_dt(dt)
     keys = _columns_by_role(input, output, reference)
     table = path if isinstance(path, Table) else read_columns(path)
@@ -226,7 +226,7 @@ def open_recording(
 
 
 def _columns_by_role(inputs: Any, output: str | int, references: Any) -> dict[str, Any]:
-    """Return the column of each role, further inputs and references as "input 2" and so on behind the first ones."""
+    """Return the column of each role; further inputs and references, "input 2" and so on, come last."""
     keys: dict[str, Any] = {"input": None, "output": output}
     further: dict[str, Any] = {}
     for role, given in (("input", inputs), ("reference", references)):
@@ -241,17 +241,17 @@ def _columns_by_role(inputs: Any, output: str | int, references: Any) -> dict[st
 
 
 def _without_repeats(table: Table, arrays: Arrays) -> tuple[Table, Arrays]:
-    """Return columns, the last of them the time, without rows that repeat the one before, and the note on these."""
+    """Drop rows that repeat the previous one from columns, the last of which is the time; add a note to the table."""
     repeated = repeated_rows(arrays[-1], arrays[:-1])
     if not repeated.size:
         return table, arrays
     what = "a row repeats" if repeated.size == 1 else f"{repeated.size:,} rows repeat"
-    note = f"{table.path}: {what} the one before, time stamp and all: each counts once"
+    note = f"{table.path}: {what} the previous one, with the same time stamp; repetitions are left out"
     return replace(table, notes=(*table.notes, note)), [np.delete(column, repeated) for column in arrays]
 
 
 def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] | None:
-    """Return the name of the time column, and the median interval of its first block in s; None where none is sure."""
+    """Return the time column's name and the median interval of its first block in s; None if no column is certain."""
     table = log if isinstance(log, Table) else read_columns(log)
     candidates = time_columns(table)
     if len(candidates) != 1:
@@ -268,7 +268,7 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
 
 
 def _check_rows(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray]) -> None:
-    """Raise `LogError` unless all columns have the same rows, two at least."""
+    """Raise LogError unless all columns have the same number of rows, at least two."""
     (first, *_), rows = roles.values(), arrays[0].size
     for number, column in zip(roles.values(), arrays, strict=True):
         if column.size != rows:
@@ -276,7 +276,7 @@ def _check_rows(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray
             raise table.error(first, f" has {rows} samples but {other}; choose columns of one length")
     if rows < 2:
         counted = "1 row" if rows == 1 else f"{rows} rows"
-        raise LogError(f"{table.path}: {counted} of data where at least 2 are needed; record more samples")
+        raise LogError(f"{table.path}: {counted} of data, at least 2 are needed; record more samples")
 
 
 def _check_distinct(table: Table, roles: dict[str, int]) -> None:
@@ -285,8 +285,8 @@ def _check_distinct(table: Table, roles: dict[str, int]) -> None:
         names = [table.names[number] for number in places]
         if len(set(names)) < len(places):
             raise LogError(
-                f"{table.path}: columns {', '.join(map(str, places))} are to be {kind}s, and are called "
-                f"{', '.join(map(shown, names))}: give each a name of its own"
+                f"{table.path}: {kind}s must have different names, but columns {', '.join(map(str, places))} are "
+                f"called {', '.join(map(shown, names))}: rename them"
             )
     chosen: dict[int, str] = {}
     for role, number in roles.items():
@@ -301,7 +301,7 @@ def _check_distinct(table: Table, roles: dict[str, int]) -> None:
             both = f"{was} twice" if was == is_now else f"{was} and {is_now}"
             raise table.error(number, f" is {both}: name each column once")
         if role != "time" and number in table.in_seconds:
-            raise table.error(number, f" holds dates or times, no samples; choose another column as the {kind}")
+            raise table.error(number, f" holds dates or times, not samples; choose another column as the {kind}")
 
 
 def _find_time(table: Table, roles: dict[str, int]) -> int:

@@ -1,4 +1,4 @@
-"""A recorded log of any length: read block by block; a part of it, several as one, the digest of its file."""
+"""A recorded log of any length, read block by block; a time range of it; several logs joined; the file's digest."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from replant.logs.sampling_time import unit_in_seconds
 from replant.logs.table import Arrays, Blocks, Table, in_parts, nth_row
 from replant.numerics.arguments import FloatArray, number
 
-MOST_HELD = 1 << 20  # length up to which a log is held in memory: 24 MB [samples]
+MOST_HELD = 1 << 20  # longest log held in memory: 24 MB [samples]
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A log of input, output and perhaps a reference, checked from its first row to its last."""
+    """A log of input, output and an optional reference; all its rows have been checked."""
 
     table: Table
     columns: tuple[int, ...]
-    arrays: Sequence[FloatArray]  # the columns, and the time stamps if there are any
+    arrays: Sequence[FloatArray]  # the columns, then the time stamps if there are any
     dt: float
     stamped: bool
     samples: int
@@ -36,10 +36,10 @@ class Recording:
     end: float | None = None
     irregularity: str = ""
     unit: float = 1.0  # one unit of the stamps in s
-    doubt: str = ""  # why it may be another one; empty if it is stated
+    doubt: str = ""  # why the unit may be wrong; empty if it is stated
 
     def of_log(self, log: Log) -> Recording:
-        """Return a recording whose samples are those of a log, which is held in memory."""
+        """Return a recording with the samples of a log in memory."""
         irregularity = self.irregularity if log.stamps is not None else ""
         complete = bool(np.isfinite(log.input).all() and np.isfinite(log.output).all())
         return replace(
@@ -67,7 +67,7 @@ class Recording:
             yield *signals, last * self.unit if self.irregular else last
 
     def newest(self, u: FloatArray, y: FloatArray, since_begin: FloatArray | None = None) -> Log:
-        """Return the log if it is held in memory, else one of its newest samples; of all of them with its reference."""
+        """Return the log if it is in memory, else a log of its newest samples; with the reference if these are all."""
         if self.held is not None:
             return self.held
         earlier, time = self.samples - u.size, since_begin if self.irregular else None
@@ -84,7 +84,7 @@ class Recording:
 
 
 def digest(path: Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal; empty where there is no file to read."""
+    """Return the SHA-256 of a file in hexadecimal; empty if the file cannot be read."""
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -92,11 +92,11 @@ def digest(path: Path) -> str:
         return ""
 
 
-ROUND_OFF = 1e-6  # distance beyond an end up to which a stamp belongs to it [part of an interval]
+ROUND_OFF = 1e-6  # distance beyond an end of the range at which a stamp still counts as inside [part of an interval]
 
 
 def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
-    """Return the ends of a time range in s, open ones as 0 and infinity."""
+    """Return the ends of a time range in s; an open end is 0 or infinity."""
     first, last = 0.0 if begin is None else number("begin", begin), math.inf if end is None else number("end", end)
     if not (0.0 <= first < math.inf and first < last):
         raise InvalidArgumentError(
@@ -107,7 +107,7 @@ def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
 
 
 def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: int | None) -> Table:
-    """Return the table of those rows that lie between two times in s, both included."""
+    """Return the table of the rows between two times in s, both included."""
     if time is None:
         assert dt is not None
         first = math.ceil(begin / dt - ROUND_OFF)
@@ -131,7 +131,7 @@ def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: i
 
 
 def _rows_between(blocks: Iterator[FloatArray], begin: float, end: float) -> tuple[int, int]:
-    """Return the first row at or after ``begin``, and the row behind the last one before a stamp beyond ``end``."""
+    """Return the first row at or after ``begin``, and the first row beyond ``end`` (the number of rows if none is)."""
     origin, slack, row, first = math.nan, 0.0, 0, -1
     for stamps in blocks:
         if math.isnan(origin) and stamps.size:
@@ -150,7 +150,7 @@ def _rows_between(blocks: Iterator[FloatArray], begin: float, end: float) -> tup
 
 
 def _cut(blocks: Blocks, numbers: Sequence[int], first: int, stop: float) -> Iterator[Arrays]:
-    """Yield those rows of the blocks that lie in [first, stop)."""
+    """Yield the rows [first, stop) of the blocks."""
     row = 0
     for block in blocks(numbers):
         size = max(map(len, block))
@@ -163,7 +163,7 @@ def _cut(blocks: Blocks, numbers: Sequence[int], first: int, stop: float) -> Ite
 
 
 def joined(tables: Sequence[Table]) -> Table:
-    """Return tables with equal columns as one, in the order given."""
+    """Join tables with equal columns, in the order given."""
     first = tables[0]
     for table in tables:
         if set(table.names) != set(first.names):
@@ -174,7 +174,7 @@ def joined(tables: Sequence[Table]) -> Table:
             raise LogError(
                 f"{table.path}: its dates or time stamps are counted from its own first row, so it cannot be joined "
                 f"with {first.path.name}; write the files as Parquet, with whole dates (year-month-day, clock time), "
-                "or with a time in s that goes on"
+                "or with a time in s that continues from file to file"
             )
 
     def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
@@ -198,7 +198,7 @@ def _dated(table: Table) -> set[str]:
 
 
 def _blocks_of(table: Table, first: Table, numbers: Sequence[int]) -> Iterator[Arrays]:
-    """Yield the blocks of a table, its dates counted from the first row of the first one."""
+    """Yield the blocks of a table, with its dates counted from the first row of ``first``."""
     own = [table.names.index(first.names[number]) for number in numbers]
     later = [
         (table.origins[here] - first.origins[number]) / 1e9 if here in table.origins else 0.0

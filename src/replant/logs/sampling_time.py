@@ -1,4 +1,4 @@
-"""The sampling time of a log, from its column of time stamps or given as a number, and the unit of time stamps."""
+"""The sampling time of a log, from its time stamps or given as a number, and the unit of the stamps."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from replant.numerics.arguments import FloatArray, number
 from replant.numerics.limits import duration
 from replant.numerics.time_stamps import TOLERANCE, StampResolution, is_regular_interval
 
-CHECKED = 1 << 18  # stamps that the usual interval is taken from [samples]
-FINE = 1e-4  # rounding error of an interval from which on its digits are left out [part of the interval]
+CHECKED = 1 << 18  # stamps from which the median interval is computed [samples]
+FINE = 1e-4  # largest rounding error at which the digits of an interval are still rounded off [part of the interval]
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 _UNITS |= {"ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, "day": 86400.0, "days": 86400.0}
 _UNITS |= {"msec": 1e-3, "millis": 1e-3, "milliseconds": 1e-3, "usec": 1e-6, "micros": 1e-6, "microseconds": 1e-6}
@@ -28,24 +28,24 @@ _UNIT = rf"(?:\s*[\[(/]\s*({'|'.join(_UNITS)})\s*[\])]?|_({_AFTER_UNDERSCORE}))"
 _ALONE = r"(?:.*\.)?(millis|micros)(?:\(\))?"  # Arduino's clocks
 _UNIT_AT_END = re.compile(rf".*{_UNIT}|{_ALONE}", re.IGNORECASE)
 _TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?|{_ALONE}", re.IGNORECASE)
-_ENDLESS = 1e300  # magnitude of a stamp beyond which the difference of two may leave float64 [s]
+_ENDLESS = 1e300  # magnitude of a stamp beyond which the difference of two may overflow float64 [s]
 _REMEDY = "drop that row, or give the sampling time (dt, --dt) instead of a time column"
-# stamps that are only out of order go back by less
-ANEW = 10.0  # intervals that a clock goes back by where it begins anew [usual intervals]
+# a smaller step back is only a stamp out of order
+ANEW = 10.0  # step back that is a restart of the clock [usual intervals]
 _BEGINS_ANEW = (
-    "the clock begins anew: where another recording begins, cut the file there and give both parts; where the same one "
+    "the clock begins anew: if another recording begins here, cut the file there and give both parts; if the same one "
     "goes on, give the sampling time (dt, --dt)"
 )
 
 
 def time_candidates(names: Sequence[str]) -> list[int]:
-    """Return the columns whose name is t, time or timestamp, in any case, with or without a unit; or millis, micros."""
+    """Return the columns called t, time or timestamp, with or without a unit, or millis or micros, in any case."""
     return [number for number, name in enumerate(names) if _TIME_NAME.fullmatch(name.strip())]
 
 
 def time_columns(table: Table) -> list[int]:
-    """Return the columns that may be the time: by their names, or, if no name tells, by what they hold."""
-    by_path = [name.replace("/", ".") for name in table.names]  # of HDF5, where t/s may also be t in s
+    """Return the columns that may be the time: by name, or, if no name is that of a time, the columns of dates."""
+    by_path = [name.replace("/", ".") for name in table.names]  # HDF5: t/s may be a path, or t in s
     named = {*time_candidates(table.names), *time_candidates(by_path)}
     return sorted(named or table.in_seconds)
 
@@ -67,9 +67,9 @@ def check_dt(dt: object) -> float:
 
 
 def interval_of(table: Table, number: int, stamps: FloatArray) -> tuple[float, str]:
-    """Return the interval of time stamps (K,), which must increase, and where the clock is first irregular, in words.
+    """Return the interval of increasing time stamps (K,), and a text on the first irregular one.
 
-    Of a regular clock it is the mean, and there are no words; of an irregular one it is the median.
+    A regular clock gives the mean interval and an empty text; an irregular clock gives the median interval.
     """
     resolution, median, least, most = StampResolution(), math.nan, math.inf, -math.inf
     for first, part in _parts(stamps):
@@ -79,8 +79,8 @@ def interval_of(table: Table, number: int, stamps: FloatArray) -> tuple[float, s
         median = float(np.median(steps)) if math.isnan(median) else median
         least, most = min(least, float(steps.min())), max(most, float(steps.max()))
     digits = resolution.step
-    # regular: each interval within 1 % of the median (of the first 2^18), or as far off as rounding to printed digits
-    # makes it; rounding cancels in the mean, and gaps do not move the median
+    # regular: each interval is within 1 % of the median (of the first 2^18), or within the rounding of the printed
+    # digits; the mean cancels rounding, and the median ignores gaps
     if is_regular_interval(least, most, median, digits):
         return _rounded(float(stamps[-1] - stamps[0]) / (stamps.size - 1)), ""
     deviation = max(most - median, median - least)
@@ -88,30 +88,30 @@ def interval_of(table: Table, number: int, stamps: FloatArray) -> tuple[float, s
     allowed *= 1.001  # the sum of both is often met exactly
     row, step = _first_beyond(stamps, median, allowed if deviation > allowed else TOLERANCE * median)
     interval = _without_noise(median, max(abs(float(stamps[0])), abs(float(stamps[-1]))))
-    irregularity = f": irregular time stamps, {step:.6g} after the one before where {interval:.6g} is usual"
+    irregularity = f": irregular time stamps, {step:.6g} after the one before instead of the usual {interval:.6g}"
     return interval, str(table.error(number, irregularity, row))
 
 
 def _parts(stamps: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-    """Yield parts of time stamps with their first rows; each begins with the last stamp of the one before."""
+    """Yield parts of time stamps with their first rows; each part begins with the last stamp of the previous one."""
     for first in range(0, stamps.size - 1, CHECKED):
         yield first, stamps[first : first + CHECKED + 1]
         forget(stamps)
 
 
 def _rounded(interval: float) -> float:
-    """Return an interval without its last digits, which are rounding errors: 0.1, not 0.09999999999999999."""
+    """Round an interval to 12 digits: 0.1, not 0.09999999999999999."""
     return float(f"{interval:.12g}")
 
 
 def _without_noise(interval: float, largest: float) -> float:
-    """Return an interval of an irregular clock without the digits that float64 made of stamps up to ``largest``."""
+    """Round an interval of an irregular clock to the resolution of float64 at stamps up to ``largest``."""
     noise = 2.0 * math.ulp(largest)
     return _rounded(interval if noise > FINE * interval else round(interval, math.floor(-math.log10(noise))))
 
 
 def _first_beyond(stamps: FloatArray, median: float, allowed: float) -> tuple[int, float]:
-    """Return the first row whose interval differs from the median by more than ``allowed``, and that interval."""
+    """Return the first row whose interval is more than ``allowed`` off the median, and that interval."""
     for first, part in _parts(stamps):
         steps = np.diff(part)
         over = np.abs(steps - median) > allowed
@@ -140,12 +140,12 @@ def _check_increasing(table: Table, number: int, stamps: FloatArray, first: int)
     raise table.error(number, f": the time stamp {what}; {remedy}", first + row)
 
 
-LATEST = 1e11  # stamp beyond which the unit cannot be the one taken: in seconds since 1970 it is the year 5138 [s]
-COARSE = 1.0  # interval of stamps without a unit from which on they may be counts of ms, us or ns [their unit]
-# Excel counts from 1900 on, MATLAB from the year 0
-_DATES = (36_526.0, 73_051.0), (730_486.0, 767_011.0)  # numbers of the days of the years 2000 to 2100 [days]
-FIRST = 1 << 16  # stamps of a log that its unit of time is told from [samples]
-ROUND = 1e-3  # difference of a step from one of two digits that is rounding [part of it]
+LATEST = 1e11  # largest plausible stamp: in seconds since 1970 it is the year 5138 [s]
+COARSE = 1.0  # interval from which stamps without a unit may be counts of ms, us or ns [their unit]
+# Excel counts days from 1900, MATLAB from the year 0
+_DATES = (36_526.0, 73_051.0), (730_486.0, 767_011.0)  # day numbers of the years 2000 to 2100 [days]
+FIRST = 1 << 16  # stamps from which the unit of time is guessed [samples]
+ROUND = 1e-3  # rounding error of a step with one or two digits [part of the step]
 _COUNTS = ((1e-3, "milliseconds", "ms"), (1e-6, "microseconds", "us"), (1e-9, "nanoseconds", "ns"))
 _GIVE_DT = "or give the sampling time (dt, --dt) instead of a time column"
 
@@ -154,9 +154,9 @@ _GIVE_DT = "or give the sampling time (dt, --dt) instead of a time column"
 class StampUnit:
     """The unit of a column of time stamps."""
 
-    seconds: float  # one unit in s: as the name states it, else the likely one
-    doubt: str = ""  # what is guessed, and why; empty if the unit is stated
-    refused: bool = False  # whether the doubt is so grave that these stamps are not used
+    seconds: float  # one unit in s: stated by the name, else guessed
+    doubt: str = ""  # the guess and its reason; empty if the unit is stated
+    refused: bool = False  # whether the doubt is too large to use these stamps
     remedy: str = ""  # what to do about the doubt
 
 
@@ -190,7 +190,7 @@ def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
 
 
 def _are_dates(stamps: FloatArray) -> bool:
-    """Return whether stamps (K,) can be dates as numbers of days, whose step is a round one in s alone."""
+    """Return whether stamps (K,) can be day numbers: their step is a round number in s, not in days."""
     if stamps.size < 2 or not any(first <= stamps[0] < last for first, last in _DATES):
         return False
     step = float(stamps[-1] - stamps[0]) / (stamps.size - 1)
@@ -198,12 +198,12 @@ def _are_dates(stamps: FloatArray) -> bool:
 
 
 def _is_round(value: float) -> bool:
-    """Return whether a number has one or two digits, but for rounding."""
+    """Return whether a number has one or two digits, apart from rounding."""
     return abs(value / float(f"{value:.2g}") - 1.0) <= ROUND
 
 
 def checked_unit(table: Table, number: int, stamps: FloatArray) -> StampUnit:
-    """Return the unit of a column of time stamps (K,) by the first of them, checked that it can be the one taken."""
+    """Return the unit of a column of time stamps (K,), from its first ones; raise if it is refused."""
     if number in table.in_seconds:
         return StampUnit(1.0)
     unit = unit_of_stamps(table.names[number], stamps[:FIRST])

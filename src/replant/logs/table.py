@@ -1,4 +1,4 @@
-"""Table: the named columns of a file; and what readers share: limits, libraries' errors, zip directories."""
+"""Table: the named columns of a file; and the readers' common parts: limits, errors of libraries, zip archives."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from replant.numerics.operating_system import reason_of
 
 T = TypeVar("T")
 Arrays = list[FloatArray]  # columns of a file, or of a block of its rows
-Blocks = Callable[[Sequence[int]], Iterator[Arrays]]  # reads columns by their numbers, block of rows by block
+Blocks = Callable[[Sequence[int]], Iterator[Arrays]]  # reads columns by their numbers, in blocks of rows
 
-MOST_COLUMNS = 1 << 17  # columns of a file, or groups and other parts of it [count]
+MOST_COLUMNS = 1 << 17  # most columns of a file, or groups or other parts of it [count]
 LONGEST_NAME = 1000  # longest name of a column [characters]
-MOST_EMPTY = 1 << 24  # missing values of a file, beyond which there must be a value for every two of them [count]
-PART_ROWS = 1 << 16  # rows of a long log that are looked at together [rows]
+MOST_EMPTY = 1 << 24  # missing values of a file beyond which at least a third of the values must be present [count]
+PART_ROWS = 1 << 16  # rows of a long log processed at a time [rows]
 
 
 def at_most(path: Path, found: Iterable[T], what: str, most: int = MOST_COLUMNS) -> Iterator[T]:
-    """Yield what is found in a file as long as it is not too much."""
+    """Yield items of a file; raise LogError if there are more than ``most``."""
     for number, one in enumerate(found):
         if number == most:
             raise too_many_error(path, what, most)
@@ -46,12 +46,12 @@ def at_most(path: Path, found: Iterable[T], what: str, most: int = MOST_COLUMNS)
 
 
 def too_many_error(path: Path, what: str, most: int = MOST_COLUMNS) -> LogError:
-    """Return the error for a file with too much of something."""
+    """Return the error for a file with too many parts of a kind."""
     return LogError(f"{path}: more than {most:,} {what}; write the log's signals into a file of their own")
 
 
 def needed(path: Path | str, module: str, why: str, package: str) -> Any:
-    """Return a module of a package that may not be installed; ``why`` says what needs it, ``path`` stands before."""
+    """Import a module of an optional package; the error names ``path``, what needs the package, and the package."""
     try:
         importlib.import_module(module.partition(".")[0])
         return importlib.import_module(module)
@@ -61,7 +61,7 @@ def needed(path: Path | str, module: str, why: str, package: str) -> Any:
 
 @contextmanager
 def damage_as_log_error(path: Path, kind: str, remedy: str) -> Iterator[None]:
-    """Turn what a parser raises on damaged bytes, nearly any exception, into a LogError; not the system's and ours."""
+    """Turn any exception of a parser into a LogError, except errors of the system and of this package."""
     try:
         yield
     except ReplantError:
@@ -75,14 +75,14 @@ def damage_as_log_error(path: Path, kind: str, remedy: str) -> Iterator[None]:
         raise LogError(f"{path}: not a readable {kind} ({reason_of(error)[:120]}); {remedy}") from error
 
 
-MOST_MEMBERS = 4096  # files in an archive [count]
-DEFLATE_RATIO = 1032  # bytes that a byte of deflated data can stand for: what its format allows [bytes]
-_STREAMED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}  # the others are unpacked by `zipfile` without a bound
+MOST_MEMBERS = 4096  # most files in an archive [count]
+DEFLATE_RATIO = 1032  # most bytes that one deflated byte can unpack to, by its format [bytes]
+_STREAMED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}  # `zipfile` unpacks the other methods without a bound
 
 
 @contextmanager
 def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
-    """Open an archive whose members can be read part by part; none yields more bytes than its directory says."""
+    """Open an archive whose members can be read in parts; no member yields more bytes than the directory states."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         if len(members) > MOST_MEMBERS:
@@ -94,17 +94,17 @@ def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
         yield archive
 
 
-MOST_OF_DISK = 0.8  # part of the disk's free space that an unpacked file may take [part]
+MOST_OF_DISK = 0.8  # largest part of the disk's free space for an unpacked file [part]
 _PART_BYTES = 1 << 20  # bytes unpacked at a time [bytes]
 
 
 def chunks_of(file: Any) -> Iterator[bytes]:
-    """Yield the content of an open file part by part."""
+    """Yield the content of an open file in parts."""
     return iter(lambda: file.read(_PART_BYTES), b"")
 
 
 class UnpackedFile:
-    """A file in a temporary folder, which is removed with this object; ``check`` sees it as it grows."""
+    """A file in a temporary folder, which is removed with this object; ``check`` is called after each part."""
 
     def __init__(
         self,
@@ -129,14 +129,14 @@ class UnpackedFile:
                 check(self.path, size)
 
 
-NAMES_SHOWN = 12  # names that the error of a wrong name lists, closest first [count]
-LIST_SHOWN = 160  # characters of all of them: one line stays readable [characters]
-LONGEST_NUMBER = 20  # digits of a column's number from which on it is that of no column [characters]
-NEAR = 0.6  # likeness from which on a name is taken for the one that was meant [ratio of difflib]
+NAMES_SHOWN = 12  # most names in the error of a wrong name, closest first [count]
+LIST_SHOWN = 160  # length after which a list of names ends, so that it stays readable [characters]
+LONGEST_NUMBER = 20  # digits of a number that is too large for a column [characters]
+NEAR = 0.6  # smallest similarity at which a name is suggested [ratio of difflib]
 
 
 def nth_row(row: int) -> str:
-    """Return the words for a row in a message; rows are counted from 1 there, ``row`` from 0."""
+    """Return a row as text for a message, counted from 1; ``row`` counts from 0."""
     return f"row {row + 1}"
 
 
@@ -182,7 +182,7 @@ class Table:
     def arrays(
         self, keys: Sequence[str | int], most_held: int, progress: Callable[[int, int], None] = lambda rows, about: None
     ) -> Arrays:
-        """Return columns in one pass: in memory up to a number of rows, else mapped from files that end with them."""
+        """Return columns, read in one pass: in memory up to ``most_held`` rows, else mapped from temporary files."""
         columns = [_Growing(self.path) for _ in keys]
         rows = 0
         try:
@@ -200,7 +200,7 @@ class Table:
                 column.close()
 
     def head(self, keys: Sequence[str | int], rows: int) -> Arrays:
-        """Return the first rows of columns: so many or a block more, if there are as many."""
+        """Return the first rows of columns: at least ``rows`` if there are as many, up to the end of their block."""
         parts: list[Arrays] = [[np.empty(0)] for _ in keys]
         with closing(self.stream(keys)) as blocks:
             for block in blocks:
@@ -212,7 +212,7 @@ class Table:
         return [np.concatenate(column) for column in parts]
 
     def stream(self, keys: Sequence[str | int]) -> Generator[Arrays, None, None]:
-        """Yield several columns as float64, block of rows by block of rows, in one pass over the file."""
+        """Yield several columns as float64 in blocks of rows, in one pass over the file."""
         numbers = [self.find(key) for key in keys]
         values = found = 0
         try:
@@ -229,7 +229,7 @@ class Table:
             raise unreadable_error(self.path, error) from error
 
     def find(self, key: str | int) -> int:
-        """Return the number of a column: by its exact name, else in any case, without its unit, or 0-based."""
+        """Return the number of a column: by exact name, else ignoring case, else without its unit, else by number."""
         if not isinstance(key, str):
             return self._number(key)
         for form in (str, _folded, _bare):
@@ -280,7 +280,7 @@ class _Growing:
             self._write(held.getbuffer())
 
     def _write(self, content: memoryview) -> None:
-        # unlike /tmp, /var/tmp is on a disk everywhere
+        # /var/tmp is on a disk; /tmp may be in memory
         folder = os.environ.get("TMPDIR") or ("/var/tmp" if os.access("/var/tmp", os.W_OK) else tempfile.gettempdir())
         try:
             self._file = self._file or tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - see `close`
@@ -288,8 +288,8 @@ class _Growing:
             self._file.flush()
         except OSError as error:
             raise LogError(
-                f"{self._path}: a long log is kept in {folder} while it is used, which is not possible "
-                f"({reason_of(error)}); free some room, or set TMPDIR to a folder that has it"
+                f"{self._path}: a long log needs a temporary file in {folder}, which cannot be written "
+                f"({reason_of(error)}); free some space, or set TMPDIR to a folder that has it"
             ) from error
 
     def array(self) -> FloatArray:
@@ -299,15 +299,15 @@ class _Growing:
         return np.frombuffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)) if self.rows else np.empty(0)
 
     def close(self) -> None:
-        """Close the file: what is mapped of it stays."""
+        """Close the file; a mapped array stays valid."""
         if self._file is not None and not isinstance(self._file, io.BytesIO):
             self._file.close()
 
 
 def repeated_rows(t: FloatArray, columns: Sequence[FloatArray]) -> IntArray:
-    """Return the rows that repeat the one before, time stamp and every column; none where a stamp alone repeats.
+    """Return the rows that repeat the previous row, stamp and values; empty if any stamp repeats with other values.
 
-    Of stamps too coarse for their rows some have other values: rows of equal ones are samples then, too.
+    In that case the stamps are too coarse for the rows, and equal rows are separate samples, too.
     """
     found = [np.zeros(0, np.int64)]
     for first in range(0, t.size - 1, PART_ROWS):
@@ -323,7 +323,7 @@ def repeated_rows(t: FloatArray, columns: Sequence[FloatArray]) -> IntArray:
 
 
 def in_parts(arrays: Sequence[FloatArray]) -> Iterator[Arrays]:
-    """Yield arrays part by part; what is mapped from a file leaves memory behind them."""
+    """Yield arrays in parts; of an array mapped from a file, only the current part stays in memory."""
     for begin in range(0, max(map(len, arrays)), PART_ROWS):
         yield [array[begin : begin + PART_ROWS] for array in arrays]
         for array in arrays:
@@ -331,7 +331,7 @@ def in_parts(arrays: Sequence[FloatArray]) -> Iterator[Arrays]:
 
 
 def forget(array: FloatArray) -> None:
-    """Let what was read of an array that is mapped from a file leave memory."""
+    """Release the memory of an array that is mapped from a file; it is read again when needed."""
     mapped = getattr(array.base, "obj", None)
     if isinstance(mapped, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
         mapped.madvise(mmap.MADV_DONTNEED)
@@ -356,7 +356,7 @@ def _likeness(key: str, name: str) -> float:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return the first names as a list for a message; long names are cut."""
+    """Return the first names as a list for a message; long names are shortened."""
     parts: list[str] = []
     for name in names[:NAMES_SHOWN]:
         flat = " ".join(name[: 2 * SHOWN].split())

@@ -1,4 +1,4 @@
-"""The cells of a line of text: where each begins and ends, which are numbers; and the row of units below the names."""
+"""The cells of a line of text: splitting, numbers and decimal marks, and the row of units below the names."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from replant.logs.table import MOST_COLUMNS
 from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray
 
-MISSING = frozenset({"", "na", "n/a", "null", "none"})  # no dash: a unit may be one, and a number that was cut off
-_SHOWN = 40  # characters of a cell that an error shows [characters]
-_QUOTED = r'"([^"]*+(?:""[^"]*+)*+)"'  # a doubled mark inside stands for one; ++ and *+: linear time on any text
+MISSING = frozenset({"", "na", "n/a", "null", "none"})  # no dash: it may be a unit or a truncated number
+_SHOWN = 40  # longest text of a cell in an error [characters]
+_QUOTED = r'"([^"]*+(?:""[^"]*+)*+)"'  # a doubled mark inside is one mark; ++ and *+ keep the time linear
 _UNIT_BEHIND = r"(?:\s+(?:\[[^\[\]]*\]|\([^()]*\)))?"  # a unit in brackets belongs to its name
 
 
 class CellError(ValueError):
-    """A cell that cannot be read; ``at`` is its 0-based place, in a line its column, in a column its row."""
+    """A cell that cannot be read; ``at`` is its 0-based index in the line or column that was parsed."""
 
     def __init__(self, at: int, problem: str) -> None:
         super().__init__(problem)
@@ -29,15 +29,15 @@ class CellError(ValueError):
 
 
 class NumberError(CellError):
-    """A cell that is no number."""
+    """A cell that is not a number."""
 
 
 class TwoMarksError(NumberError):
-    """A cell with another decimal mark than the other cells, or perhaps a thousands separator."""
+    """A cell whose decimal mark differs from the other cells', or may be a thousands separator."""
 
 
 def split_line(line: str, delimiter: str | None) -> list[str]:
-    """Split a line into stripped cells, without a delimiter at blanks; quotation marks count where one begins."""
+    """Split a line into stripped cells, at blanks if the delimiter is None; only a cell's first character may quote."""
     if delimiter is not None and '"' not in line:
         return [cell.strip() for cell in line.split(delimiter, MOST_COLUMNS)]
     pattern, text = _cell_pattern(delimiter), line.rstrip("\r\n")
@@ -73,17 +73,17 @@ def _broken(column: int, rest: str, delimiter: str | None) -> CellError:
 
 
 def parse_number(cell: str) -> float:
-    """Read one cell with a decimal point: a number, or NaN for a missing one."""
+    """Read one cell with a decimal point: a number, or NaN if it is missing."""
     text = cell.strip()
     if text.lower() in MISSING:
         return float("nan")
-    if "_" in text or not text.isascii():  # float() takes 1_000 and the digits of every script
+    if "_" in text or not text.isascii():  # float() accepts 1_000 and the digits of every script
         raise ValueError(cell)
     return float(text)
 
 
 def as_float(number: float) -> float:
-    """Return a number as float64, infinite where it leaves that."""
+    """Return a number as float64; infinite if it overflows."""
     try:
         return float(number)
     except OverflowError:
@@ -91,7 +91,7 @@ def as_float(number: float) -> float:
 
 
 def is_number(cell: str, delimiter: str | None) -> bool:
-    """Return whether a cell is a number, or missing; a comma is a decimal comma unless it is the delimiter."""
+    """Return whether a cell is a number or missing; a comma is a decimal comma unless it is the delimiter."""
     grouped = None if delimiter == "," else _GROUPED.fullmatch(cell)
     if grouped and grouped["end"] and grouped["end"][0] != grouped["mark"]:
         return True
@@ -114,7 +114,7 @@ _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(?:(?P<mark>[.,])\d{3})(?:(?P=mark)\d{3
 
 @dataclass(frozen=True)
 class DecimalMark:
-    """What separates the fraction of the numbers of a log."""
+    """The decimal mark of a log's numbers, with the cell that shows it."""
 
     mark: str
     line: int
@@ -129,7 +129,7 @@ class DecimalMark:
 
 
 def mark_of(cell: str, line: int) -> DecimalMark | None:
-    """Return the decimal mark of a cell; None if it has none, or is no number."""
+    """Return the decimal mark of a cell; None if it has none or is not a number."""
     text = cell.strip()
     if text.isdecimal():
         return None
@@ -146,7 +146,7 @@ def mark_of(cell: str, line: int) -> DecimalMark | None:
 
 
 def common_mark(marks: Iterable[DecimalMark | None]) -> DecimalMark | None:
-    """Return the first certain mark, else the first one; it is grouped if one with the same mark is."""
+    """Return the first certain mark, else the first one; it is grouped if any equal mark is."""
     found = [mark for mark in marks if mark is not None]
     certain = [mark for mark in found if mark.certain]
     if not found:
@@ -157,7 +157,7 @@ def common_mark(marks: Iterable[DecimalMark | None]) -> DecimalMark | None:
 
 
 def parse_numbers(cells: Sequence[str], mark: DecimalMark | None) -> FloatArray:
-    """Turn the cells of a column into float64; a missing one is NaN."""
+    """Convert the cells of a column to float64; a missing one is NaN."""
     mark = mark or DecimalMark(".", 0, "")
     values = _plain_numbers(cells, mark)
     if values is not None:
@@ -189,7 +189,7 @@ def _number(cell: str, mark: DecimalMark) -> float:
 
 
 def _plain_numbers(cells: Sequence[str], mark: DecimalMark) -> FloatArray | None:
-    """Convert numbers at once, or return None if a cell is anything else."""
+    """Convert all cells at once; return None if one is not a plain number."""
     text = "".join(cells)
     if "_" in text or not text.isascii() or (mark.mark == "," and "." in text):
         return None
@@ -212,12 +212,12 @@ _NONE = frozenset({"", "-", "1"})
 
 
 def units_in(cells: Sequence[str]) -> list[str] | None:
-    """Return the units in the cells of a row: in brackets, known or empty; None if no cell tells one."""
+    """Return the units in a row whose cells are bracketed, known units or empty; None for any other row."""
     units = []
     for cell in cells:
         bracketed = _BRACKETED.fullmatch(cell.strip())
         text = bracketed[1] if bracketed else cell.strip()
-        is_unit = _UNIT.fullmatch(text) and (text == "nA" or not is_number(text, None))  # na stands for no value
+        is_unit = _UNIT.fullmatch(text) and (text == "nA" or not is_number(text, None))  # "na" is a missing value
         if text and not bracketed and not is_unit:
             return None
         units.append("" if text in _NONE else text)
@@ -225,7 +225,7 @@ def units_in(cells: Sequence[str]) -> list[str] | None:
 
 
 def with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
-    """Return the names with the units of those that have none in their names."""
+    """Append the units to the names that do not state one."""
     given = [*units, *[""] * (len(names) - len(units))]
     return tuple(
         f"{name} [{unit}]" if unit and not unit_of(name) else name for name, unit in zip(names, given, strict=False)

@@ -27,10 +27,11 @@ from replant.logs.text_times import StampFormat, find_format, is_missing
 
 
 def with_content(layout: Layout, rows: Sequence[tuple[int, Sequence[str]]]) -> Layout:
-    """Return a layout with what rows of cells hold, each with the number of its line."""
+    """Return a layout with the time stamps and decimal marks found in numbered rows of cells."""
     whole = [(line, cells) for line, cells in rows if len(cells) >= len(layout.names)]
     stamps = _stamps(layout.names, [cells for _, cells in whole])
-    if layout.delimiter == "," and not any("," in cell for _, cells in whole for cell in cells):  # within quotes alone
+    # with commas as delimiter a decimal comma is possible only in a quoted cell
+    if layout.delimiter == "," and not any("," in cell for _, cells in whole for cell in cells):
         return replace(layout, stamps=stamps)
     own = {
         column: mark
@@ -44,7 +45,7 @@ def with_content(layout: Layout, rows: Sequence[tuple[int, Sequence[str]]]) -> L
 
 
 def _stamps(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[int, StampFormat]:
-    """Return the columns of stamps whose name is that of the time; all where no name is."""
+    """Return the columns of stamps that have a name of time; all columns of stamps if none has."""
     found = {}
     for column in range(len(names)):
         first = next((row[column] for row in rows if not is_missing(row[column])), "")
@@ -64,14 +65,14 @@ def _stamps(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[int, St
 
 
 def joined_cell(day: str, clock: str) -> str:
-    """Return the date of one column and the clock time of another in one cell; an empty one where either is missing."""
+    """Join the cells of a date and a clock time; the result is empty if either is missing."""
     return "" if is_missing(day) or is_missing(clock) else f"{day.strip()} {clock.strip()}"
 
 
 def later_mark(
     mark: DecimalMark | None, rows: Iterable[tuple[int, Sequence[str]]], left_out: Iterable[int]
 ) -> DecimalMark | None:
-    """Return the first certain decimal mark in further rows, else what the first rows told."""
+    """Return the first certain decimal mark in further rows, else the mark of the first rows."""
     best, skipped = mark, set(left_out)
     for line, cells in rows:
         for column, cell in enumerate(cells):
@@ -83,13 +84,13 @@ def later_mark(
 
 
 COMMENT_MARKS = ("#", "%")
-DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks.  Of two with equal score the first one is taken
+DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks; if two have equal scores, the first is taken
 QUOTES_REMEDY = "correct it, or write a quotation mark within a quoted cell twice"
 LONGEST_LINE = 1 << 22  # longest line that is read: 131,072 columns of full precision [characters]
-MOST_LINES_ABOVE = 100_000  # lines without data above the first row, or between two of the first ones [lines]
-_SAMPLE_ROWS = 100  # rows that the layout is detected from [rows]
-_SAMPLE_CHARACTERS = 1 << 18  # characters that the layout is detected from, of very wide rows [characters]
-_HEAD_BYTES = 1 << 16  # beginning of a file that its layout is detected from [bytes]
+MOST_LINES_ABOVE = 100_000  # most lines without data before the first row, or between two of the first rows [lines]
+_SAMPLE_ROWS = 100  # rows from which the layout is detected [rows]
+_SAMPLE_CHARACTERS = 1 << 18  # characters from which the layout of very wide rows is detected [characters]
+_HEAD_BYTES = 1 << 16  # beginning of a file from which its encoding is detected [bytes]
 _CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))
 _BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")
 _WORD = re.compile(r"[^\s,;|]+")
@@ -109,14 +110,14 @@ class Layout:
     title: range = range(0)
     stamps: Mapping[int, StampFormat] = field(default_factory=dict)
     mark: DecimalMark | None = None
-    marks: Mapping[int, DecimalMark] = field(default_factory=dict)  # of columns with another one
+    marks: Mapping[int, DecimalMark] = field(default_factory=dict)  # of columns whose mark differs from `mark`
     is_cut: bool = False
-    unused: tuple[str, ...] = ()  # the names in a comment that has more of them than there are columns
+    unused: tuple[str, ...] = ()  # names in a comment that has more names than columns
     unused_line: int = 0
 
 
 def is_data(line: str) -> bool:
-    """Return whether a line holds cells, that is, is neither blank nor a comment."""
+    """Return whether a line holds cells: it is neither blank nor a comment."""
     text = line.lstrip()
     return bool(text) and not text.startswith(COMMENT_MARKS)
 
@@ -151,7 +152,7 @@ def sniff(path: Path) -> Layout:
         layout = Layout(path, numbered, delimiter, None, number, encoding, range(above, number))
         if len(found) == len(numbered):
             layout = replace(layout, names=found)
-        elif len(found) > len(numbered) and delimiter is not None:  # blanks stand between the words of any comment
+        elif len(found) > len(numbered) and delimiter is not None:  # with blanks as delimiter any comment would count
             layout = replace(layout, unused=found, unused_line=at)
         return with_content(layout, [(number, first), *below])
     if len(rows) == 1:
@@ -188,7 +189,7 @@ def too_long_error(path: Path, number: int) -> LogError:
 
 
 def _sample(path: Path, encoding: str) -> tuple[tuple[int, str], list[tuple[int, str]]]:
-    """Return the last comment before the first row, and the first rows: at least two, and more while they are short."""
+    """Return the last comment before the first row, and the first rows: at least two, fewer if they are wide."""
     comment = 0, ""
     rows: list[tuple[int, str]] = []
     characters = last = 0
@@ -212,22 +213,22 @@ def _encoding(path: Path) -> str:
     if head.translate(None, _CONTROL_BYTES) != head:
         raise LogError(f"{path}: not a text file; export the log as CSV, Parquet, .mat or .npz")
     try:
-        codecs.getincrementaldecoder("utf-8")().decode(head)  # a character that is cut at the end passes
+        codecs.getincrementaldecoder("utf-8")().decode(head)  # a character cut off at the end is accepted
     except UnicodeDecodeError:
-        return "cp1252"  # what Windows tools write; it has the degree sign of a temperature
+        return "cp1252"  # Windows tools write it; it has the degree sign
     return "utf-8-sig"
 
 
 def _score(lines: Sequence[str], delimiter: str | None) -> float:
-    """Return the score of a delimiter: the share of rows of the usual width times the share of numbers in the cells."""
+    """Score a delimiter: the share of rows with the most common width times the share of numbers among the cells."""
     rows = [cells for line in lines if (cells := split_or_none(line, delimiter)) is not None]
     widths = Counter(len(row) for row in rows)
     width, count = widths.most_common(1)[0] if rows else (0, 0)
     if width < 2:
         return 0.0
     cells = [cell for row in rows[1:] or rows for cell in row]
-    numbers = sum(is_number(cell.partition(" ")[0], delimiter) for cell in cells)  # a unit may stand behind it
-    return count / len(lines) * (numbers + 1e-3) / (len(cells) + 1e-3)  # equal widths alone give a small score
+    numbers = sum(is_number(cell.partition(" ")[0], delimiter) for cell in cells)  # a unit may follow the number
+    return count / len(lines) * (numbers + 1e-3) / (len(cells) + 1e-3)  # equal widths alone: a small score
 
 
 def split_or_none(line: str, delimiter: str | None) -> list[str] | None:
@@ -239,16 +240,16 @@ def split_or_none(line: str, delimiter: str | None) -> list[str] | None:
 
 
 def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tuple[int, str]]:
-    """Return the rows from the names on: fewer cells above names, or text alone above numbers, are those of a title."""
+    """Drop the title: narrower rows above the names, or rows of text above numbers."""
     split = [split_or_none(line, delimiter) or [] for _, line in rows]
-    # without the empty cells at the end: a spreadsheet fills up each line to the widest one
+    # empty cells at the end do not count: a spreadsheet fills up each line to the widest one
     widths = [_filled(cells) for cells in split]
     usual = Counter(widths).most_common(1)[0][0]
     at = widths.index(usual)
     if at == 0 or len(rows) <= at + 1:
         return rows
     if all(is_number(cell, delimiter) for cell in split[at]):
-        # one cell of text, as any line is where blanks delimit, that cannot be a name for each column
+        # a title is a line of text without one word per column; unless blanks delimit, it is a single cell
         is_title = all(
             (delimiter is None or width == 1) and cells and cells[0][:1].isalpha() and len(_WORD.findall(line)) != usual
             for (_, line), cells, width in zip(rows[:at], split, widths, strict=False)
@@ -259,12 +260,12 @@ def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tup
 
 
 def _filled(cells: Sequence[str]) -> int:
-    """Return how many cells there are up to the last that is not empty."""
+    """Return the number of cells up to the last one that is not empty."""
     return max((number for number, cell in enumerate(cells, 1) if cell), default=0)
 
 
 def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Sequence[str]]) -> bool:
-    """Return whether the first row holds names: some text, and no number but plain counts such as 2."""
+    """Return whether the first row holds names: text, and no numbers except plain counts such as 2."""
     is_text = [not is_number(cell, None) for cell in first]
     if not any(is_text):
         return False
@@ -277,8 +278,8 @@ def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Seq
         return not numbers
     if not all(map(str.isdecimal, numbers)):
         return False
-    # it may also be a damaged row of data: sure are a usual name of the time, or names that begin with a letter in most
-    # columns; any other file is refused
+    # the row may also be damaged data: a usual name of the time, or names that begin with a letter in most columns,
+    # show that it is a header; any other file is refused
     texts = [first[column] for column in names]
     unnamed = len(numbers) + sum(1 for column, cell in enumerate(first) if not cell and below.get(column))
     if unnamed:
@@ -301,7 +302,7 @@ def _names(header: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str, .
 
 
 def _commented_names(comment: str, delimiter: str | None) -> tuple[str, ...]:
-    """Return the names in the last comment before the data, as numpy.savetxt writes them; none if it has others."""
+    """Return the names in the last comment before the data, as numpy.savetxt writes them; empty if it holds others."""
     text = comment.strip().lstrip("".join(COMMENT_MARKS)).strip()
     names = (split_or_none(text, delimiter) if text else None) or []
     fit = all(name[:1].isalpha() and len(name) <= LONGEST_NAME and not is_number(name, None) for name in names)

@@ -1,4 +1,4 @@
-"""Dates and clock times in text as exact seconds, and the jumps of a clock without a zone or a date."""
+"""Dates and clock times in text as exact seconds; jumps of a clock at midnight and at daylight saving time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from replant.logs.table import Arrays, Table
 from replant.logs.text_cells import MISSING, CellError, quote
 from replant.numerics.arguments import FloatArray
 
-# the forms that are read, for messages
+# the accepted forms, for messages
 READ = "2024-05-01T10:00:00.5, with Z or +02:00 where it is known, 01.05.2024 10:00:00,5 and 10:00:00.5 are read"
 
 _EPOCH = date(1970, 1, 1).toordinal()
@@ -24,7 +24,7 @@ _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct",
 _DATE = (
     r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})(?P=mark)(?P<day>\d{1,2})"
     r"|(?P<basic>\d{8})(?=T)"
-    # a year of two digits behind points, and before a clock time: 10.05.07 by itself may be one
+    # a year of two digits needs points before it and a clock time after it: 10.05.07 alone may be a clock time
     r"|(?P<one>\d{1,2})(?P<sep>[-/.])(?P<other>\d{1,2})(?P=sep)(?P<local_year>\d{4}|(?<=\.)\d{2}(?=,? +\d))"
     rf"|(?P<named_day>\d{{1,2}})[- ](?P<name>{'|'.join(_MONTHS)})[a-z]*[- ](?P<named_year>\d{{4}}|\d{{2}}))"
 )
@@ -48,7 +48,7 @@ class Stamp:
 
 @dataclass(frozen=True)
 class StampFormat:
-    """How a column of dates or clock times is read."""
+    """The format of a column of dates or clock times."""
 
     parts: str
     month_first: bool | None
@@ -57,13 +57,13 @@ class StampFormat:
 
     @property
     def origin(self) -> int | None:
-        """The first stamp in ns since 1970; None without a date, or where the day may be the month."""
+        """The first stamp in ns since 1970; None without a date, or if day and month may be exchanged."""
         certain = self.month_first is not None or self.first.day == self.first.month
         return self.first.nanoseconds if "d" in self.parts and certain else None
 
     @property
     def is_local(self) -> bool:
-        """Whether the clock is that of a place, which daylight saving time may turn."""
+        """Whether the clock is local, so that daylight saving time may shift it."""
         return "c" in self.parts and "z" not in self.parts
 
     def seconds(self, cells: Iterable[str]) -> FloatArray:
@@ -80,20 +80,20 @@ class StampFormat:
         if stamp.parts != self.parts:
             raise CellError(
                 at,
-                f"{quote(cell)} has not the form of the first time stamp (date, clock time and zone are in all stamps "
-                "or in none); write all stamps alike",
+                f"{quote(cell)} has not the form of the first time stamp (date, clock time and zone must be in all "
+                "stamps or in none); write all stamps alike",
             )
         if self.month_first is None and (stamp.day, stamp.month) != (self.first.day, self.first.month):
             raise CellError(
                 at,
-                f"{quote(cell)}: the day may come first or the month; write dates as year-month-day, or give the "
+                f"{quote(cell)}: day and month may be in either order; write dates as year-month-day, or give the "
                 "sampling time (dt, --dt)",
             )
         return float(stamp.nanoseconds - self.first.nanoseconds) / _NANOSECOND
 
 
 def is_missing(cell: str) -> bool:
-    """Return whether a cell stands for no value."""
+    """Return whether a cell means a missing value."""
     return cell.strip().lower() in MISSING or cell.strip().lower() == "nan"
 
 
@@ -112,7 +112,7 @@ def parse_stamp(cell: str, month_first: bool) -> Stamp:
     return Stamp(nanoseconds, base.parts, base.day, base.month)
 
 
-@lru_cache(maxsize=1 << 12)  # the stamps of a minute have it in common
+@lru_cache(maxsize=1 << 12)  # all stamps of a minute share the head
 def _parse_head(head: str, half: str, zone: str, month_first: bool) -> Stamp:
     found = _HEAD.fullmatch(head)
     if found is None or not head:
@@ -133,7 +133,7 @@ def _parse_head(head: str, half: str, zone: str, month_first: bool) -> Stamp:
 
 
 def _day_of(part: dict[str, str | None], month_first: bool) -> tuple[int | None, tuple[int, int]]:
-    """Return the day since 1970, or None without a date; also the numbers of which either may be the day."""
+    """Return the day since 1970, None without a date; and the two numbers that may be day and month."""
     numbers = (0, 0)
     if part["year"]:
         day = _date(part["year"], part["month"], part["day"])
@@ -141,7 +141,7 @@ def _day_of(part: dict[str, str | None], month_first: bool) -> tuple[int | None,
         day = _date(part["basic"][:4], part["basic"][4:6], part["basic"][6:])
     elif part["name"]:
         day = _date(part["named_year"], _MONTHS.index(part["name"].lower()) + 1, part["named_day"])
-    elif part["one"] and part["sep"] == ".":  # with points the day always comes first
+    elif part["one"] and part["sep"] == ".":  # in dates with points the day comes first
         day = _date(part["local_year"], part["other"], part["one"])
     elif part["one"]:
         numbers = int(part["one"]), int(part["other"] or 0)
@@ -153,12 +153,12 @@ def _day_of(part: dict[str, str | None], month_first: bool) -> tuple[int | None,
 
 
 def _date(year: str | None, month: str | int | None, day: str | int | None) -> date:
-    century = 0 if len(year or "") > 2 else 1900 if int(year or 0) > 68 else 2000  # as POSIX has two digits
+    century = 0 if len(year or "") > 2 else 1900 if int(year or 0) > 68 else 2000  # POSIX: 69 to 99 are 1969 to 1999
     return date(century + int(year or 0), int(month or 0), int(day or 0))
 
 
 def _offset(zone: str) -> int:
-    """Return the seconds by which a zone's clock is ahead of UTC."""
+    """Return the zone's offset from UTC in seconds."""
     if zone in {"", "Z", "UTC", "GMT"}:
         return 0
     digits = zone[1:].replace(":", "").ljust(4, "0")
@@ -169,7 +169,7 @@ def _offset(zone: str) -> int:
 
 
 def find_format(cells: Sequence[str]) -> StampFormat | None:
-    """Return the format of a column of dates or clock times; None if a cell is neither missing nor such a stamp."""
+    """Return the format of a column of dates or clock times; None if a cell is neither a stamp nor missing."""
     given = [cell for cell in cells if not is_missing(cell)]
     for month_first in (False, True):
         try:
@@ -184,9 +184,9 @@ def find_format(cells: Sequence[str]) -> StampFormat | None:
     return None
 
 
-_HOUR = 3600.0  # by how much daylight saving time turns a clock [s]
-_DAY = 86400.0  # by how much a clock without a date goes back at midnight [s]
-_NEAR = 0.5  # difference of a jump from an hour or a day up to which it is one [usual intervals]
+_HOUR = 3600.0  # shift of a clock by daylight saving time [s]
+_DAY = 86400.0  # step back at midnight of a clock without a date [s]
+_NEAR = 0.5  # largest deviation from an hour or a day of a jump that counts as one [usual intervals]
 _REMEDY = "write the stamps with their offset from UTC (+01:00), or give the sampling time (dt, --dt)"
 _TURNS = (
     (-_HOUR, "back", "as at the end of daylight saving time"),
@@ -195,7 +195,7 @@ _TURNS = (
 
 
 def with_stamps(table: Table, forms: Mapping[int, StampFormat]) -> Table:
-    """Return a table whose columns of such forms are in seconds; local clocks are followed over midnight."""
+    """Return a table whose columns of dates and clock times are in seconds; clocks without a date run over midnight."""
 
     def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
         clocks = {
@@ -204,26 +204,26 @@ def with_stamps(table: Table, forms: Mapping[int, StampFormat]) -> Table:
             if number in forms and forms[number].is_local
         }
         for block in table.blocks(numbers):
-            yield [clocks[at].followed(part) if at in clocks else part for at, part in enumerate(block)]
+            yield [clocks[at].unwrapped(part) if at in clocks else part for at, part in enumerate(block)]
 
     origins = {number: form.origin for number, form in forms.items() if form.origin is not None}
     return replace(table, blocks=blocks, in_seconds=frozenset(forms), origins=origins)
 
 
 class _LocalClock:
-    """Follows clock times block by block: over midnight without a date; with one it refuses a turned clock."""
+    """A local clock, block by block: without a date it is unwrapped at midnight; with one a shift is an error."""
 
     def __init__(self, table: Table, number: int, *, has_date: bool) -> None:
         self._table, self._number, self._has_date = table, number, has_date
         self._rows, self._last, self._usual, self._days = 0, np.full(1, np.nan), math.nan, 0
 
-    def followed(self, stamps: FloatArray) -> FloatArray:
-        """Return the next stamps, in s, without the jumps of midnight."""
+    def unwrapped(self, stamps: FloatArray) -> FloatArray:
+        """Return the next stamps in s, without the jumps at midnight."""
         steps = np.diff(np.concatenate([self._last, stamps]))
         forward = steps[steps > 0.0]
         if math.isnan(self._usual) and forward.size:
             self._usual = float(np.median(forward))
-        # of stamps an hour apart none tells whether the clock was turned
+        # stamps nearly an hour apart cannot show a shift by an hour
         near = _NEAR * self._usual if self._usual < 0.25 * _HOUR else math.nan
         for turn, way, said in _TURNS if self._has_date else ():
             found = np.abs(steps - self._usual - turn) <= near

@@ -19,19 +19,19 @@ from replant.logs.text_cells import CellError, as_float, quote, units_in, with_u
 from replant.logs.text_times import find_format, is_missing, with_stamps
 from replant.numerics.arguments import FloatArray
 
-_HEADER_ROWS = 100  # first rows of a sheet among which the names are looked for [rows]
-_NEXT_ROWS = 10  # rows below the names in which each column's first cell is looked for [rows]
-_SAMPLE_ROWS = 100  # rows of data that dates written as text are told from [rows]
+_HEADER_ROWS = 100  # first rows of a sheet that are searched for the names [rows]
+_NEXT_ROWS = 10  # rows below the names that are searched for each column's first cell [rows]
+_SAMPLE_ROWS = 100  # rows of data from which dates in text are recognized [rows]
 _EPOCH = datetime(1970, 1, 1)
 
 _Row = Sequence[Any]
-MOST_ROWS = 1 << 20  # rows of a sheet: as many as Excel has [rows]
-MOST_SHEETS = 1000  # sheets that are looked into [count]
-_COUNTED = 1 << 10  # rows after which memory is asked for [rows]
+MOST_ROWS = 1 << 20  # most rows of a sheet: Excel's limit [rows]
+MOST_SHEETS = 1000  # most sheets of a workbook [count]
+_COUNTED = 1 << 10  # cells between two requests for memory [cells]
 
 
 class _Cells(Sequence[Any]):
-    """The cells of a column: numbers as they would be in an array, the few others apart."""
+    """The cells of a column: numbers in an array, the few other cells in a dictionary by row."""
 
     def __init__(self) -> None:
         self.numbers = array("d")
@@ -55,7 +55,7 @@ class _Cells(Sequence[Any]):
 
 
 def read(path: Path) -> Table:
-    """Open an Excel workbook: rows above the names are skipped, units may stand below; of formulas the values count."""
+    """Open an Excel workbook: skip rows above the names, accept a row of units below; formulas give their values."""
     openpyxl = needed(path, "openpyxl", "reading Excel files needs openpyxl", "'replant[xlsx]'")
     with damage_as_log_error(path, "Excel workbook", "save it again as .xlsx, or as CSV"):
         with open_zip(path):
@@ -74,7 +74,7 @@ def read(path: Path) -> Table:
 def _table_in(path: Path, sheet: Any) -> Table | None:
     if not hasattr(sheet, "iter_rows"):  # a sheet that is a chart
         return None
-    every = (tuple(row) for row in sheet.iter_rows(values_only=True))  # those that its file leaves out are empty
+    every = (tuple(row) for row in sheet.iter_rows(values_only=True))  # rows missing in the file are empty
     rows: Iterator[_Row] = at_most(path, every, "rows in a sheet", MOST_ROWS)
     head = list(islice(rows, _HEADER_ROWS + _NEXT_ROWS))
     for number, row in enumerate(head[:_HEADER_ROWS]):
@@ -95,7 +95,7 @@ def _table_in(path: Path, sheet: Any) -> Table | None:
 
 
 def _table(path: Path, title: str, names: tuple[str, ...], first: int, columns: Sequence[_Cells]) -> Table:
-    """Return the table of a sheet, whose data begin in row ``first``."""
+    """Return the table of a sheet whose data begin in row ``first``."""
     forms = {
         number: form
         for number, cells in enumerate(columns)
@@ -122,7 +122,7 @@ def _table(path: Path, title: str, names: tuple[str, ...], first: int, columns: 
 def _columns(rows: Iterator[_Row], chosen: Sequence[int]) -> list[_Cells]:
     """Return the cells of some columns, without the empty rows at the end."""
     columns = [_Cells() for _ in chosen]
-    empty = given = 0  # rows that wait for one that is not empty; cells that are not
+    empty = given = 0  # empty rows since the last one with a cell; cells since the last request for memory
     for row in rows:
         cells = _cells_at([row], 0, chosen)
         if all(cell is None for cell in cells):
@@ -148,7 +148,7 @@ def _is_value(cell: Any) -> bool:
 
 
 def _text(cell: Any) -> str:
-    """Return a cell as text; a duration as a date with a zone, whose clock nobody turns."""
+    """Return a cell as text; a duration becomes a date in UTC, which has no daylight saving time."""
     if isinstance(cell, timedelta):
         return f"{_EPOCH + cell}Z"
     return "" if cell is None else str(cell)

@@ -135,7 +135,7 @@ def test_signals_with_stamps_of_their_own_are_merged(
     assert np.array_equal(reading.column("t"), t)
     assert np.array_equal(reading.column("u"), np.repeat(t[::4], 4))
     assert np.array_equal(reading.column("y"), 2.0 * t)
-    with pytest.raises(LogError, match="columns 'u', 'y' have different time stamps; leave the time"):
+    with pytest.raises(LogError, match="columns 'u', 'y' have different time stamps; leave out the time"):
         open_source(f"{log}?dt=0.01")
 
 
