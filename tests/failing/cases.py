@@ -195,7 +195,7 @@ def _ending(outcome: Outcome, fault: Fault | None) -> Iterator[str]:
 def _words(outcome: Outcome, fault: Fault | None) -> Iterator[str]:
     # Python's own word on a thread that finds no memory to begin with
     err = outcome.err.replace("Exception ignored in thread started by", "")
-    if fault and (fault.role, fault.kind) == ("observer", "alloc") and "it is started again" in err:
+    if fault and (fault.role, fault.kind) == ("observer", "alloc") and "it restarts in" in err:
         # a C library (seen below NumPy) that does not bear a refused allocation ends the observer's process alone; that
         # is said, and the next process takes over
         err = err.replace("Fatal Python error: Segmentation fault", "")

@@ -74,7 +74,7 @@ def test_a_second_process_solves_again_where_it_is_asked_for(tmp_path: Path, cap
     with pytest.raises(SystemExit) as stop:
         main(["live", "-", *MODEL, "--background", "--checkpoint", str(tmp_path / "without")])
     assert stop.value.code == 2
-    assert "goes on without a second process" in capsys.readouterr().err
+    assert "was made without a second process" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("place", ["first", "last"])
@@ -502,7 +502,7 @@ def test_a_second_session_that_would_write_to_the_same_place_is_refused(
     peer = ReplayingPeer(lines(U, Y, T, first=0))
     with live(peer.url, *options) as first:
         assert first.stderr is not None
-        while b"cut and fit it meanwhile" not in first.stderr.readline():  # until it holds both
+        while b"cut and fit the record" not in first.stderr.readline():  # until it holds both
             assert first.poll() is None
         for option, used in places.items():
             with pytest.raises(SystemExit) as stop:
@@ -525,5 +525,5 @@ def test_recording_into_a_used_folder_is_refused(tmp_path: Path) -> None:
     with live("-", "--record", tmp_path) as process:
         code, _, err = finished(process, b"")
     assert code == 2
-    assert "holds a record already; choose another folder" in err
+    assert "already holds a record; choose another folder" in err
     assert err.count("\n") == 1

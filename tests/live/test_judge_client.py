@@ -27,8 +27,8 @@ from replant.live.judge_client import Observer
 from replant.live.judge_process import (
     DashboardAddress,
     Handover,
+    ObserverMessage,
     ObserverOptions,
-    Told,
 )
 from replant.live.view import SessionInfo, View
 from support.live_command import wait_for
@@ -134,7 +134,7 @@ def test_killed_it_is_started_again_each_time_and_keeps_its_history(
     assert after.counters[observing.RESTARTS] == times  # seen at the terminal and on the page
     said = capfd.readouterr().err.splitlines()
     assert len(said) == 1  # once a minute
-    assert "(signal 9); it is started again in" in said[0]
+    assert "(signal 9); it restarts in" in said[0]
 
 
 def test_pauses_between_two_starts_grow_up_to_a_limit_and_begin_anew_after_a_long_life(mortal: Observer) -> None:
@@ -233,8 +233,8 @@ def test_a_dashboard_that_cannot_be_served_later_on_ends_nothing(
     mortal: Observer, capfd: pytest.CaptureFixture
 ) -> None:
     """As when the process was killed and something else has taken its port meanwhile."""
-    mortal._receive(Told("serving", "http://127.0.0.1:8710/"))
-    mortal._receive(Told("failed", "the dashboard cannot listen on 127.0.0.1:8710"))
+    mortal._receive(ObserverMessage("serving", "http://127.0.0.1:8710/"))
+    mortal._receive(ObserverMessage("failed", "the dashboard cannot listen on 127.0.0.1:8710"))
     assert "cannot listen on 127.0.0.1:8710; trying again" in capfd.readouterr().err
     seen(mortal, identifier(300))
 

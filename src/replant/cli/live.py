@@ -16,7 +16,7 @@ from replant.errors import InvalidArgumentError, needs
 from replant.estimation.settings import Request
 from replant.live.dashboard.server import PAGES_NEED
 from replant.live.judge_process import DashboardAddress
-from replant.live.progress import Asked, Limits
+from replant.live.progress import AnyRequest, Limits
 from replant.live.session import run
 from replant.live.streams import UY, Signals
 from replant.live.streams.addresses import parts_of
@@ -192,7 +192,7 @@ def _signals(options: dict[str, Any]) -> Signals:
     return Signals((inputs,) if isinstance(inputs, str) else inputs, output)
 
 
-def _request(options: dict[str, Any]) -> Asked:
+def _request(options: dict[str, Any]) -> AnyRequest:
     inputs = _signals(options).inputs
     poles = "--poles 2" if len(inputs) == 1 else f"--poles {','.join('1' * len(inputs))}"
     for name, example in (("poles", poles), ("dt", "--dt 0.001")):

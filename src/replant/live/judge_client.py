@@ -1,4 +1,4 @@
-"""The session's interface to the process that judges and shows the estimate, which it starts and ends."""
+"""The session's interface to the observer, the process that judges and shows the estimate; starts and ends it."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import time
 from dataclasses import replace
 
 from replant.errors import InvalidArgumentError
-from replant.live.judge_process import ENDING, Handover, ObserverOptions, Told, observe
+from replant.live.judge_process import ENDING, Handover, ObserverMessage, ObserverOptions, observe
 from replant.live.outputs.message import Notices
 from replant.live.progress import Identification
 from replant.live.view import SessionInfo, View
 from replant.numerics.operating_system import Worker, one_line, refusal, signals_blocked
 
-GOODBYE = 5.0  # time that the process gets to end by itself [s]
+GOODBYE = 5.0  # timeout for the process to end by itself [s]
 
 
 class ObserverProcess:
@@ -33,23 +33,23 @@ class ObserverProcess:
                 self.process = context.Process(
                     target=observe, args=(theirs, options), name="replant observer", daemon=True
                 )  # fmt: skip
-                with signals_blocked(*ENDING):  # the session needs it for its last view
+                with signals_blocked(*ENDING):  # the observer must survive them to make the last view
                     self.process.start()
             undo.callback(self._kill)
             # at an exit without `end`, multiprocessing would ask the process to end and wait for it without limit
             atexit.register(self.process.kill)
-            # of one that has ended nothing in the outbox is sent any more
+            # this thread ends with the process, and then leaves the rest of the outbox unsent
             self.sender = Worker(self._send_all)
             self.sender.start()
             self.start = time.monotonic()
             undo.pop_all()
-        self.busy = False  # whether its answer to the last handover is still to come
-        self.knows_state = self.answered = False  # whether it was handed an identifier; has answered at all
+        self.busy = False  # whether it has not answered the last handover yet
+        self.knows_state = self.answered = False  # whether it has received an identifier; whether it has ever answered
         self.handed = 0.0  # time of the last handover
 
     @property
     def exit_reason(self) -> str:
-        """Why the process ended, in words."""
+        """Why the process ended, as text."""
         code = self.process.exitcode
         if code is None:
             return "its connection was closed"
@@ -76,24 +76,24 @@ class ObserverProcess:
             self.connection.send(None)
 
 
-INTERVAL = 0.2  # time between two handovers at the least [s]
-SHARE = 0.02  # part of the session's time that handing over may take [share]
-LAST_VIEW_TIMEOUT = 20.0  # time that the last view may take: the process may just have begun [s]
-STARTING = 120.0  # time that the process may take to serve the dashboard: it imports everything anew [s]
-TOO_OLD = 5.0  # age beyond which a view says nothing of the present any more [s]
-PAUSES = 0.5, 30.0  # first and longest pause before the process is started again [s]
-LONG_LIFE = 60.0  # a process that lived this long was healthy: its death starts a new count [s]
-RESTARTS = "observer restarts"  # as it is counted
+INTERVAL = 0.2  # least time between two handovers [s]
+SHARE = 0.02  # largest part of the session's time for handovers [share]
+LAST_VIEW_TIMEOUT = 20.0  # timeout of the last view: the process may just have started [s]
+STARTING = 120.0  # timeout for serving the dashboard: the new process imports everything [s]
+TOO_OLD = 5.0  # age at which a view is outdated [s]
+PAUSES = 0.5, 30.0  # first and longest pause before the process is restarted [s]
+LONG_LIFE = 60.0  # a process that ran this long was healthy: after it, the pauses start from the first [s]
+RESTARTS = "observer restarts"  # name of the counter
 
 
 class Observer:
-    """Sends the state to the observer's process whenever that is idle, receives views, and restarts it if it dies."""
+    """Sends the state to the observer's process when it is idle, receives views, and restarts a dead process."""
 
     def __init__(self, options: ObserverOptions) -> None:
         self._options = options
         self.last: View | None = None  # the newest view, however old
         self._viewed = 0.0  # when the view came
-        self._lines: list[str] = []  # to be shown with the next handover
+        self._lines: list[str] = []  # lines to send with the next handover
         self._notices = Notices(self.show)
         self._restarts, self._pause = 0, PAUSES[0]
         self._commands: list[str] = []
@@ -115,11 +115,11 @@ class Observer:
             self._process.connection.poll(0.1)
             self._receive_all()
         if not self.url:
-            raise InvalidArgumentError("the dashboard's process does not answer: see the lines above")
+            raise InvalidArgumentError("the dashboard's process does not respond: see the lines above")
 
     @property
     def view(self) -> View | None:
-        """The newest view; None before the first one, if it is too old, and while no process runs."""
+        """The newest view; None before the first one, if it is outdated, and while no process runs."""
         return self.last if self._alive and time.monotonic() - self._viewed < TOO_OLD else None
 
     def show(self, line: str) -> None:
@@ -139,31 +139,31 @@ class Observer:
         return commands
 
     def _receive_all(self) -> None:
-        """Receive all waiting messages; a dashboard that was never served and fails raises the error."""
+        """Receive all waiting messages; raise the dashboard's error if it was never served."""
         try:
             while self._process.connection.poll(0):
                 self._receive(self._process.connection.recv())
-            if not self._process.sender.is_alive():  # no answer follows to a message that was not sent
+            if not self._process.sender.is_alive():  # a message was not sent, so no answer follows
                 raise EOFError
         except (EOFError, OSError, MemoryError):  # a message may have been read in part: the connection is unusable
             self._handle_exit()
 
     def _receive(self, message: object) -> None:
         match message:
-            case View() | Told("no view"):
+            case View() | ObserverMessage("no view"):
                 now, process = time.monotonic(), self._process
-                if process.answered:  # the first answer took as long as the start
-                    self._due = max(self._due, now + (now - process.handed))  # it is busy at most half of its time
+                if process.answered:  # the first answer includes the start of the process
+                    self._due = max(self._due, now + (now - process.handed))  # it is busy at most half of the time
                 process.busy, process.answered = False, True
                 if isinstance(message, View):
                     self.last, self._viewed = message, now
-            case Told("command", name):
+            case ObserverMessage("command", name):
                 self._commands.append(name)
-            case Told("serving", url):
+            case ObserverMessage("serving", url):
                 self.url = url
-            case Told("notice", line):
+            case ObserverMessage("notice", line):
                 self.show(line)
-            case Told("failed", reason):
+            case ObserverMessage("failed", reason):
                 if not self.url:
                     raise InvalidArgumentError(reason)
                 self._notices.say("dashboard", f"replant: {reason}; trying again")
@@ -198,7 +198,7 @@ class Observer:
     def _handle_exit(self) -> None:
         """Clean up after a process that has ended, and schedule the next one."""
         self._alive = False
-        self._process.connection.close()  # a process that still reads it ends by that
+        self._process.connection.close()  # a process that still reads from it ends
         self._process.end(wait=0.2)
         lost, self._lines = self._lines, []
         for line in lost:
@@ -211,7 +211,7 @@ class Observer:
         self._notices.say(
             "observer",
             f"replant: the process that makes verdict, status and dashboard ended ({self._process.exit_reason}); "
-            f"it is started again in {pause:.1f} s, and nothing is trusted until then",
+            f"it restarts in {pause:.1f} s, and no model is trusted until then",
         )
 
     def _next_pause(self) -> float:
@@ -228,7 +228,7 @@ class Observer:
             self._notices.say("start", f"replant: the observer cannot be started: {reason}; trying again")
 
     def close(self) -> None:
-        """End the process; lines that were not shown yet are printed to standard error."""
+        """End the process, and print lines that were not shown yet to standard error."""
         if self._alive:
             self._process.end(wait=GOODBYE)
             self._alive = False
@@ -238,5 +238,5 @@ class Observer:
 
 
 def _print(line: str) -> None:
-    with contextlib.suppress(OSError):  # standard error was closed, as after `| head`: no reason to stop
+    with contextlib.suppress(OSError):  # standard error is closed, as after `| head`: continue
         print(line, file=sys.stderr, flush=True)

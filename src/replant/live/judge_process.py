@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from replant.live.dashboard.app import Hub
     from replant.live.dashboard.server import Dashboard
 
-#: Signals that end a session, and the observer by it alone.
+#: Signals that end a session; the observer ignores them, as the session ends it.
 ENDING = (signal.SIGINT, signal.SIGTERM)
-UNHEARD = 5.0  # without a handover for so long the session does not answer; several come a second [s]
-AGAIN = 5.0  # time until a dashboard that could not be served is tried again [s]
+UNHEARD = 5.0  # time without a handover after which the session does not respond; usually several come a second [s]
+AGAIN = 5.0  # pause before the next attempt to serve the dashboard [s]
 
 
 @dataclass(frozen=True)
@@ -54,25 +54,26 @@ class ObserverOptions:
 
 @dataclass(frozen=True)
 class Handover:
-    """A message of the session: its info, lines to show, and the identifier if it has learned since the last one."""
+    """A message of the session: info, lines to show, and the identifier if it has learned since the last handover."""
 
     info: SessionInfo
     lines: tuple[str, ...] = ()
     identifier: bytes | None = None
-    history: Rows | None = None  # of the process before, with the first identifier
+    history: Rows | None = None  # history of the previous process, sent with the first identifier
 
 
 @dataclass(frozen=True)
-class Told:
-    """A message to the session that is no view."""
+class ObserverMessage:
+    """A message to the session other than a view."""
 
-    kind: str  # "no view"; a dashboard "serving" at a URL, or "failed"; a "notice" to show; a "command" of its user
+    # "no view"; "serving": the dashboard's URL; "failed": why it is not served; "notice": a line to show; "command"
+    kind: str
     text: str = ""
 
 
 def observe(connection: Connection, options: ObserverOptions) -> None:
     """Run the observer until the session closes the connection."""
-    for number in ENDING:  # on systems where the session cannot block them before it starts this process
+    for number in ENDING:  # for systems on which the session cannot block them before it starts this process
         signal.signal(number, signal.SIG_IGN)
     try:
         with contextlib.suppress(EOFError, OSError):  # the session has ended
@@ -93,7 +94,7 @@ class _Observing:
 
         self._connection, self._sending = connection, threading.Lock()
         self._options = options
-        self._notices = Notices(lambda line: self._send(Told("notice", line)))
+        self._notices = Notices(lambda line: self._send(ObserverMessage("notice", line)))
         self._history: EstimateHistory | None = None
         self._identifier: Identification | None = None
         self._view: View | None = None
@@ -108,7 +109,7 @@ class _Observing:
         try:
             while (handover := self._await_handover()) is not None:
                 view = self._judge(handover)
-                self._send(Told("no view") if view is None else view)
+                self._send(ObserverMessage("no view") if view is None else view)
                 self._show(view, handover.lines)
                 self._serve()
             if self._dashboard is not None:
@@ -120,7 +121,7 @@ class _Observing:
                 self._dashboard.stop()
 
     def _await_handover(self) -> Handover | None:
-        """Return the next handover; while none comes, the page shows that the session does not answer."""
+        """Return the next handover; while none comes, show that the session does not respond."""
         while not self._connection.poll(UNHEARD):
             if self._view is not None:
                 reason = f"the session has not answered for more than {UNHEARD:.0f} s"
@@ -129,10 +130,10 @@ class _Observing:
         return handover
 
     def _judge(self, handover: Handover) -> View | None:
-        """Return a view of the handover; if it cannot be made, the last view with the verdict "unknown", or None."""
+        """Return a view of the handover; if that fails, return the last view with the verdict "unknown", or None."""
         try:
             self._update_view(handover)
-        except Exception as error:  # a fault with this state; the next one may be judged again
+        except Exception as error:  # this state cannot be judged; perhaps the next one can
             reason = f"the estimate could not be judged: {type(error).__name__}: {one_line(error)}"
             self._notices.say("view", f"replant: {reason}; identification continues")
             if self._view is not None:
@@ -143,7 +144,7 @@ class _Observing:
         return view
 
     def _update_view(self, handover: Handover) -> None:
-        """Make a view of the identifier; if nothing was learned, only replace the info in the last view."""
+        """Make a view of the identifier; if the handover has none, only replace the info in the last view."""
         if handover.identifier is None:
             if self._view is not None:
                 self._view = dataclasses.replace(self._view, **vars(handover.info))
@@ -177,7 +178,7 @@ class _Observing:
             self._connection.send(message)
 
     def _serve(self) -> None:
-        """Serve the dashboard if it is requested and not served; tell the session its URL, or why it failed."""
+        """Serve the dashboard if it is requested and not served; send the session its URL or the reason of failure."""
         address, served = self._options.dashboard, self._dashboard is not None and self._dashboard.alive
         if address is None or served or time.monotonic() < self._serve_again:
             return
@@ -188,18 +189,18 @@ class _Observing:
             with needs(PAGES_NEED, "live"):
                 from replant.live.dashboard.app import Hub
             self._hub = self._hub or Hub(
-                command=lambda name: self._send(Told("command", name)),
+                command=lambda name: self._send(ObserverMessage("command", name)),
                 report=self._report,
                 notice=lambda text: self._notices.say("dashboard", f"replant: the dashboard: {text}"),
             )
             self._dashboard = serve(self._hub, address.host, address.port, address.token)
         except (ReplantError, OSError, RuntimeError) as mistake:
-            self._send(Told("failed", one_line(mistake)))
+            self._send(ObserverMessage("failed", one_line(mistake)))
             return
-        self._send(Told("serving", self._dashboard.url))
+        self._send(ObserverMessage("serving", self._dashboard.url))
 
     def _report(self) -> bytes:
-        """Return the report of the newest estimate over the samples that the identifier keeps."""
+        """Return the report on the newest estimate and the samples that the identifier keeps."""
         from replant.live.terminal_status import report_of
 
         identifier, view = self._identifier, self._view

@@ -1,4 +1,4 @@
-"""Make a view of an identifier: history of the estimate, responses of the model, the session."""
+"""Make a view of an identifier: history of the estimate, responses of the model, newest samples, verdict."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOST_ROWS = 1000  # rows of history kept [rows]
 
 
 class EstimateHistory:
-    """Rows of (t, parameters, std), one for each view; when there are too many, every second row is dropped."""
+    """Rows of (t, parameters, std), one for each view; when there are too many, every other row is dropped."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -48,10 +48,10 @@ class EstimateHistory:
     def clear(self) -> None:
         """Drop every row."""
         self._rows: list[FloatArray] = []
-        self._appended, self._stride = 0, 1  # of the rows appended, one in so many stays
+        self._appended, self._stride = 0, 1  # every stride-th appended row is kept
 
     def append(self, t: float, parameters: FloatArray, std: FloatArray) -> None:
-        """Append the newest row.  It stays if its number is a multiple of the stride; else the next row replaces it."""
+        """Append the newest row; the next one replaces it unless its number is a multiple of the stride."""
         if (self._appended - 1) % self._stride:
             self._rows.pop()
         if len(self._rows) == MOST_ROWS:
@@ -66,16 +66,16 @@ class EstimateHistory:
         return Rows(rows[:, 0], rows[:, 1 : 1 + self._size], rows[:, 1 + self._size :])
 
 
-FREQUENCIES = 160  # equally spaced frequencies of a Bode plot; each resonance adds some [count]
-TIMES = 120  # times of a step response, and of its beginning where a mode settles early [count]
-MOST_TIMES, PER_PERIOD = 480, 8  # times of an oscillating beginning at the most, and for each period [count]
-FASTER = 0.25  # a mode that settles within this part of the response gets times of its own [share]
-GROWN = 3.0  # time constants of an unstable mode that are shown: later it hides all others [time constants]
+FREQUENCIES = 160  # evenly spaced frequencies of a Bode plot; each resonance adds some [count]
+TIMES = 120  # times of a step response, and of its beginning if a mode settles early [count]
+MOST_TIMES, PER_PERIOD = 480, 8  # most times of an oscillating beginning, and times per period [count]
+FASTER = 0.25  # a mode that settles within this part of the response gets additional times [share]
+GROWN = 3.0  # duration that is shown of an unstable mode: later it hides all others [time constants]
 SIGMAS = 2.0  # half-width of a band [standard deviations]
-WIDEST = 60.0  # half-width at which a band is cut: beyond it nothing is known anyway [dB]
+WIDEST = 60.0  # half-width at which a band is cut: the magnitude is then unknown [dB]
 NOTHING, NO_ROOTS = np.zeros(0), np.zeros(0, np.complex128)
 NO_BODE, NO_STEP = view.Bode(*[NOTHING] * 5), view.Step(*[NOTHING] * 4)
-#: What is said of an input while there is no finite model.
+#: Fields of an input while there is no finite model.
 NO_MODEL: dict[str, Any] = {
     "num": NOTHING, "den": NOTHING, "poles": NO_ROOTS, "pole_covariance": np.zeros((0, 2, 2)), "zeros": NO_ROOTS,
     "dc_gain": math.nan, "dc_gain_std": math.nan, "bode": NO_BODE, "step": NO_STEP,
@@ -83,7 +83,7 @@ NO_MODEL: dict[str, Any] = {
 
 
 def bode_of(model: TransferFunction, uncertainty: Uncertainty, dt: float) -> view.Bode:
-    """Return the frequency response, empty where it is not finite."""
+    """Return the frequency response; empty if it is not finite."""
     with np.errstate(all="ignore"):
         found = Bode.of(model, _usable(uncertainty), dt, frequencies(model, dt, FREQUENCIES))
         magnitude = 20.0 * np.log10(found.magnitude)
@@ -96,7 +96,7 @@ def bode_of(model: TransferFunction, uncertainty: Uncertainty, dt: float) -> vie
 
 
 def step_of(model: TransferFunction, uncertainty: Uncertainty) -> view.Step:
-    """Return the step response, empty where it is not finite."""
+    """Return the step response; empty if it is not finite."""
     t, output, std = _steps(model, _usable(uncertainty), _stretches(model))
     if not np.isfinite(output).all():
         return NO_STEP
@@ -105,7 +105,7 @@ def step_of(model: TransferFunction, uncertainty: Uncertainty) -> view.Step:
 
 
 def _stretches(model: TransferFunction) -> list[FloatArray]:
-    """Return the times (S,) of the whole response, and those of its beginning where its fastest mode needs more."""
+    """Return the times (S,) of the whole response, and denser times of its beginning if the fastest mode needs them."""
     end = float(time_of(model)[-1])
     growth = float(np.max(model.poles.real, initial=0.0))
     if growth > 0.0:
@@ -125,7 +125,7 @@ def _stretches(model: TransferFunction) -> list[FloatArray]:
 def _steps(
     model: TransferFunction, known: Uncertainty | None, stretches: Sequence[FloatArray]
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Return times (S,), the output by a unit step, and its standard deviation where it is known."""
+    """Return times (S,), the step response, and its standard deviation if known."""
     parts = [StepResponse.of(model, known, t) for t in stretches]
     t, first = np.unique(np.concatenate([part.time for part in parts]), return_index=True)
     stds = [part.std for part in parts if part.std is not None]
@@ -139,7 +139,7 @@ def _usable(uncertainty: Uncertainty) -> Uncertainty | None:
 def truth_of(
     truth: TransferFunction | None, structure: Structure, model: TransferFunction | None, bode: view.Bode
 ) -> view.Truth | None:
-    """Return the true plant at the frequencies and times of the model's responses; None if it is not known."""
+    """Return the true plant at the frequencies and times of the model's responses; None if the plant is unknown."""
     if truth is None:
         return None
     parameters = np.full(structure.size, np.nan)
@@ -153,20 +153,20 @@ def truth_of(
     return view.Truth(parameters, truth.poles, truth.zeros, magnitude, np.degrees(found.phase), step)
 
 
-POINTS = 1200  # points of the window: more than its picture has columns [count]
-NEWEST = 10.0  # time at the end of a long window that may be looked at alone, and gets a third of the points [s]
+POINTS = 1200  # points of the window: more than its chart has columns of pixels [count]
+NEWEST = 10.0  # end of a long window that gets a third of the points, as the page can show it alone [s]
 
 
 class _Seen(NamedTuple):
-    """What a view says of an identifier of one input, or of several."""
+    """The part of a view that depends on the kind of identifier: of one input or of several."""
 
-    # of each input its label, and what leads from there to the output
+    # for each input: label, structure, transfer function and uncertainty
     branches: tuple[tuple[str, Structure, TransferFunction, Uncertainty], ...]
     newest: NewestSamples
     output: FloatArray  # (K,): simulated over the newest samples; NaN where unknown
     fit: float
     verdict: Verdict
-    model: dict[str, Any]  # to be kept
+    model: dict[str, Any]  # the model to be kept, as JSON
 
 
 def _seen(identifier: Identifier, finite: bool, at: float, signals: Signals) -> _Seen:
@@ -175,9 +175,9 @@ def _seen(identifier: Identifier, finite: bool, at: float, signals: Signals) -> 
     output, fit = np.full(newest.output.size, np.nan), math.nan
     if finite:
         run, ahead = newest_run(identifier, newest)
-        if not callable(preprocess.input_map):  # which JSON cannot hold
+        if not callable(preprocess.input_map):  # JSON cannot hold a function
             kept = as_object(model_of(identifier, run, ahead, verdict))
-        if run.is_prediction:  # a window shows what the input alone explains
+        if run.is_prediction:  # the window shows the output simulated from the input alone
             with np.errstate(all="ignore"):
                 run = simulate(
                     model, newest.input, newest.known_output, identifier.dt, input_hold=identifier.input_hold,
@@ -253,7 +253,7 @@ def _from_input(
     *,
     finite: bool,
 ) -> view.FromInput:
-    """Return what a view says of one input."""
+    """Return the part of a view about one input."""
     if not finite:
         beside = truth_of(truth, structure, None, NO_BODE)
         return view.FromInput(input_label=label, delay=model.delay, truth=beside, **NO_MODEL)
@@ -294,7 +294,7 @@ def _window(newest: NewestSamples, output: FloatArray, at: float) -> tuple[Windo
 
 
 def _thinned(t: FloatArray, signals: Sequence[FloatArray]) -> tuple[FloatArray, list[FloatArray]]:
-    """Return times and signals (V,) as they are drawn: of a long window, the newest part is thinned less."""
+    """Return times and signals (V,) thinned for drawing; the newest part of a long window is thinned less."""
     if t.size <= POINTS:
         return t, list(signals)
     begin = int(np.searchsorted(t, t[-1] - NEWEST))

@@ -25,27 +25,27 @@ from replant.online.miso_identifier import RowIdentifier
 from replant.online.miso_samples import RowSettings
 from replant.online.saving import Loaded, load
 
-#: An identification of one input or of several, and what it is asked for.
+#: An identification of one input or of several, and its request.
 Identification = Identifier | RowIdentifier
-Asked = Request | RowSettings
+AnyRequest = Request | RowSettings
 
-BACK = 1.0  # step back of the stamps below which they are late samples, which the identifier rejects one by one [s]
+BACK = 1.0  # largest step back of late samples, which the identifier rejects one by one; a larger one is a reset [s]
 
 
 @dataclass
 class RigClock:
-    """Converts time stamps to rig time: the stamp plus an offset, by the rules of the identifier of one input.
+    """Converts time stamps to rig time, the stamp plus an offset, by the rules of the identifier of one input.
 
-    Two consecutive stamps that lie close together and more than a second back show that the clock was set back or the
-    device was reset: rig time then continues after a gap, at which the filters restart.  A stamp that leaps by more
-    than `LEAP` sampling times, and the very first one, advance rig time only once the next stamp confirms them;
-    ``leaps`` tells which stamps (K,) of the last call are not confirmed.
+    If two consecutive stamps are close together and more than a second back, the clock was set back or the device was
+    reset: rig time then continues after a gap, at which the filters restart.  A stamp that leaps by more than `LEAP`
+    sampling times, and the very first stamp, advance rig time only when the next stamp confirms them; ``leaps`` marks
+    the stamps (K,) of the last call that are not confirmed.
     """
 
-    last: float = -np.inf  # rig time of the newest stamp that counts [s]
-    offset: float = 0.0  # of rig time from the stamps [s]
+    last: float = -np.inf  # rig time of the newest confirmed stamp [s]
+    offset: float = 0.0  # rig time minus stamp [s]
     candidate: float | None = None  # a stamp that the next one may confirm
-    alone: bool = False  # whether the last one is the very first, and not confirmed yet
+    alone: bool = False  # whether `last` is the very first stamp and not confirmed yet
     leaps: BoolArray = field(default_factory=lambda: np.zeros(0, bool), compare=False)
 
     def follow(self, t: FloatArray, dt: float) -> FloatArray:
@@ -81,7 +81,7 @@ class RigClock:
         self.last, self.candidate, self.alone = shifted, None, False
 
     def _follow_leap(self, stamp: float, shifted: float, dt: float) -> float:
-        """Handle a stamp that leaps ahead, or does not follow the very first one; it counts once it is confirmed."""
+        """Handle a stamp that leaps ahead, or does not follow the very first one; it counts when it is confirmed."""
         candidate, self.candidate = self.candidate, stamp
         if candidate is not None:
             leapt = candidate + self.offset - self.last
@@ -89,12 +89,12 @@ class RigClock:
                 ahead = stamp - candidate > 0.0
                 if ahead and stamp - candidate <= LEAP * dt:
                     self._advance(shifted)
-                elif ahead and stamp - candidate <= 2.0 * leapt:  # a slow rig, each of whose stamps leaps
+                elif ahead and stamp - candidate <= 2.0 * leapt:  # a slow rig: each of its stamps leaps
                     self.last, self.alone = candidate + self.offset, False
         return shifted
 
     def _follow_step_back(self, stamp: float, shifted: float, dt: float) -> float:
-        """Handle a stamp that lies far back; if the stamp before confirms it, set a new offset."""
+        """Handle a stamp that is far back; if it confirms the previous one, set a new offset."""
         candidate, self.candidate = self.candidate, stamp
         if candidate is None or not 0.0 < stamp - candidate <= LEAP * dt or candidate + self.offset > self.last:
             return shifted
@@ -110,10 +110,10 @@ ProgressEntries = Mapping[str, int | float | str]
 
 @dataclass
 class Progress:
-    """How many samples a session has taken, and the clock of its rig."""
+    """The number of samples that a session has taken, and the clock of its rig."""
 
     taken: int = 0  # samples taken, rejected ones included
-    sequence: int | None = None  # number of the newest sample, where the device gives one
+    sequence: int | None = None  # number of the newest sample, if the device numbers them
     clock: RigClock = field(default_factory=RigClock)
     earlier: dict[str, int] = field(default_factory=dict)  # counters of the sources before this resumption
 
@@ -159,14 +159,14 @@ class Progress:
 def _whole(entries: ProgressEntries, name: str, least: int = 0) -> int:
     value = entries.get(name, 0)
     if not isinstance(value, int) or not least <= value < 2**63:
-        raise DamagedCheckpointError(f"its {name!r} is no count: {value!r:.30}")
+        raise DamagedCheckpointError(f"its {name!r} is not a count: {value!r:.30}")
     return value
 
 
 def _number(entries: ProgressEntries, name: str) -> float:
     value = entries.get(name, 0.0)
     if isinstance(value, str) or not -LATEST <= value <= LATEST:
-        raise DamagedCheckpointError(f"its {name!r} is no time: {value!r:.30}")
+        raise DamagedCheckpointError(f"its {name!r} is not a time: {value!r:.30}")
     return float(value)
 
 
@@ -232,21 +232,21 @@ class CheckpointWriter:
             self._idle.set()
 
 
-def begun(request: Asked, *, background: bool = False) -> Identification:
-    """Return an identification that has no sample yet."""
+def new_identification(request: AnyRequest, *, background: bool = False) -> Identification:
+    """Return an identification without samples."""
     if isinstance(request, RowSettings):
         return RowIdentifier.of(request)
     return Identifier(**vars(request), background=background)
 
 
-def resume(path: Path, request: Asked) -> Loaded | None:
-    """Return what a checkpoint holds; None if there is no checkpoint yet."""
+def resume(path: Path, request: AnyRequest) -> Loaded | None:
+    """Load a checkpoint and check that it fits the request; return None if there is no checkpoint yet."""
     try:
         loaded = load(path)
     except MissingCheckpointError:
         return None
     identifier: Identification = loaded.identifier
-    stored = getattr(identifier, "request", None)  # that of several structures has none
+    stored = getattr(identifier, "request", None)  # an identifier of several structures has none
     if type(stored) is not type(request):
         kinds = {Request: "one input", RowSettings: "several inputs"}
         made, asked = (kinds.get(type(each), "several structures") for each in (stored, request))
@@ -269,12 +269,12 @@ class Limits:
     """The conditions under which a session ends by itself."""
 
     seconds: float | None = None  # the session ends after this real time
-    # the session ends when this many samples have been taken; rejected samples and those before a resumption count
+    # the session ends after this number of samples, including rejected ones and those before a resumption
     samples: int | None = None
     until_trusted: bool = False  # the session ends when the verdict is "trusted"
 
     def left(self, samples: int) -> int | None:
-        """Return how many samples may still be taken after ``samples``; None without a limit."""
+        """Return how many more samples may be taken after ``samples``; None without a limit."""
         return None if self.samples is None else max(self.samples - samples, 0)
 
     def reached(self, *, seconds: float, samples: int, trusted: bool) -> bool:
@@ -288,7 +288,7 @@ class Limits:
 
 @contextmanager
 def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Call ``stop`` on the first SIGINT or SIGTERM in the block, of the main thread; the second acts as usual."""
+    """Call ``stop`` on the first SIGINT or SIGTERM in the block; a second one acts as usual; main thread only."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

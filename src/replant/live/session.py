@@ -1,4 +1,4 @@
-"""Session: the loop from source to identifier to outputs, which waits for samples only; and a whole run of it."""
+"""Session: the loop from source to identifier to outputs, which waits only for samples; and `run`, a whole session."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from replant.live.make_view import EstimateHistory, make_view
 from replant.live.outputs.message import UNKNOWN, DiskWriter, EstimateMessage, Notices, ParquetRecorder, time_to_live
 from replant.live.outputs.sinks import Publisher, Sink, open_sink
 from replant.live.progress import (
-    Asked,
+    AnyRequest,
     CheckpointWriter,
     Identification,
     Limits,
     Progress,
     Throughput,
-    begun,
+    new_identification,
     resume,
     stop_on_signals,
 )
@@ -90,7 +90,7 @@ class Session:
                         f"the session ended after {self.progress.taken:,} samples: {reason}"
                     ) from error
                 self._finish()
-        finally:  # every receiver learns that no estimate follows, however the session ended
+        finally:  # every receiver must learn that no estimate follows, however the session ends
             self._publisher.end()
         return self._verdict == "trusted" or not self._limits.until_trusted
 
@@ -100,7 +100,7 @@ class Session:
 
     @property
     def info(self) -> SessionInfo:
-        """What the observer cannot see in the identifier: source, counters, rate, lag."""
+        """The part of a view that the identifier does not have: source, counters, rate, lag."""
         rate, lag = self._throughput.read()
         counters = self.progress.counted(self.source.counters)
         silence = self._publisher.silence
@@ -120,7 +120,7 @@ class Session:
         self.source.close()
 
     def _learn_batch(self, batch: Batch) -> None:
-        """Learn the samples of a batch, as many as the limit on samples allows."""
+        """Learn the samples of a batch, up to the limit on samples."""
         left = self._limits.left(self.progress.taken)
         batch = batch if left is None else batch.select(slice(0, left))
         if not len(batch):
@@ -144,11 +144,11 @@ class Session:
 
     @property
     def _accepted_outputs(self) -> int:
-        """Number of samples accepted with their output: a sample without output says nothing about the model."""
+        """Number of samples accepted with their output: a sample without output adds no information on the model."""
         return self.identifier.samples - self.identifier.rejected["no output"]
 
     def _stamps(self, batch: Batch) -> FloatArray | None:
-        """Return the time stamps to learn with: the device's, or those that its numbers give on a regular clock."""
+        """Return the time stamps to learn with: the device's, else sequence numbers times dt, else None."""
         stamps = batch.t
         if stamps is None:
             if batch.sequence is None:
@@ -192,7 +192,7 @@ class Session:
             self._notices.say(subject, f"replant: {subject}: {reason}; identification continues")
 
     def _update_verdict(self) -> None:
-        """Take the newest verdict on the present model; a new verdict is sent even if no sample comes."""
+        """Take the newest verdict on the present model; a changed verdict is sent even if no sample arrives."""
         view, before = self._view, (self._verdict, self._excited)
         self._verdict, self._excited = (UNKNOWN, False) if view is None else (view.verdict, view.excited)
         if (self._verdict, self._excited) != before and self.progress.taken:
@@ -200,11 +200,11 @@ class Session:
 
     @property
     def _view(self) -> View | None:
-        """The newest view; None where the parameters have moved beyond chance since: it speaks of another model."""
+        """The newest view; None if the parameters have changed significantly since, as it then judges another model."""
         view = self._observer.view
         if view is None:
             return None
-        with np.errstate(invalid="ignore"):  # infinite where the model has left float64
+        with np.errstate(invalid="ignore"):  # infinite if the model has overflowed float64
             moved = np.abs(self.identifier.parameters - view.parameters) > MOVED_SIGMAS * view.std
         return None if moved.any() else view
 
@@ -246,7 +246,7 @@ class Session:
         self._disk_writer.wait()
         with self._refusals_reported("last checkpoint"):
             self._write_last_checkpoint()
-        # the last verdict is about all samples; that no sample follows is told by the status "ended", not by silence
+        # the last verdict covers all samples; the status "ended", not silence, shows that no sample follows
         with self._refusals_reported("last view"):
             self._observer.wait_for_view(self.identifier, replace(self.info, silence=0.0))
         self._update_verdict()
@@ -271,19 +271,19 @@ class Session:
 
 
 M_MMAP_THRESHOLD = -3  # name of the setting in malloc.h [number]
-THRESHOLD = 1 << 17  # size of blocks that the system gets back at once: glibc's initial value [bytes]
+THRESHOLD = 1 << 17  # size from which freed blocks return to the system at once: glibc's initial value [bytes]
 
 
 def limit_heap_growth() -> None:
     """Have glibc map blocks of 128 KiB and more one by one, and return them when they are freed."""
     with contextlib.suppress(OSError, AttributeError, TypeError):
-        # else blocks of lines and samples, whose sizes vary, leave holes: the heap grows by megabytes a minute at first
+        # otherwise blocks of varying size fragment the heap: at first it grows by megabytes a minute
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, THRESHOLD)
 
 
 def run(
     source: str,
-    request: Asked,
+    request: AnyRequest,
     limits: Limits,
     *,
     sinks: Sequence[str] = (),
@@ -299,10 +299,10 @@ def run(
 ) -> bool:
     """Identify until the stream, a limit or the user ends the session, and print the result.
 
-    Samples come from the URL ``source``, whose columns have the names ``columns``, and are shown with the names
-    ``signals``; estimates go to the addresses ``sinks``.  Both are recorded in the folder
-    ``record``, and the state is saved in the file ``checkpoint`` every so many seconds.  The ``truth`` of a simulated
-    rig is shown beside the estimate.  With ``background`` a second process solves the record again.
+    Samples come from the URL ``source``, with the columns ``columns``, and are shown under the names ``signals``.
+    Estimates go to the addresses ``sinks``.  Samples and estimates are recorded in the folder ``record``; the state is
+    saved in the file ``checkpoint`` at intervals of ``every`` s.  The ``truth`` of a simulated rig is shown beside the
+    estimate.  With ``background`` a second process solves the record again.
     """
     from rich.console import Console
 
@@ -311,7 +311,7 @@ def run(
         for path in filter(None, (checkpoint, record)):
             opened.enter_context(alone(path))
         resumed = None if checkpoint is None else _resumed(checkpoint, request, background=background)
-        progress, identifier, messages = resumed or (Progress(), begun(request, background=background), [])
+        progress, identifier, messages = resumed or (Progress(), new_identification(request, background=background), [])
         stream = open_source(source, columns)
         opened.callback(stream.close)
         receivers: list[Sink] = []
@@ -340,19 +340,20 @@ def run(
             ttl=ttl,
         )
         if record is not None:
-            observer.show(f"replant: cut and fit it meanwhile: {shlex.join(['replant', 'open', typed_path(record)])}")
+            command = shlex.join(["replant", "open", typed_path(record)])
+            observer.show(f"replant: to cut and fit the record while it grows: {command}")
         reached = session.run()
         waits = session.identifier.forced_waits if isinstance(session.identifier, Identifier) else 0
         if waits:
             waited = f"{waits:,} times a sample waited for the second process"
-            observer.show(f"replant: {waited}: the record is solved again more slowly than samples come")
+            observer.show(f"replant: {waited}: it solves the record more slowly than samples arrive")
     view = observer.last or make_view(session.identifier, session.info, EstimateHistory(len(session.identifier.names)))
     Console(stderr="-" in sinks).print(render(view, truth, running=False))
     return reached
 
 
-def _resumed(path: Path, request: Asked, *, background: bool) -> tuple[Progress, Identification, list[str]] | None:
-    """Return progress and identifier of a checkpoint, and messages about it for the user; None if there is none yet."""
+def _resumed(path: Path, request: AnyRequest, *, background: bool) -> tuple[Progress, Identification, list[str]] | None:
+    """Return progress, identifier and messages for the user from a checkpoint; None if there is no checkpoint yet."""
     if not path.absolute().parent.is_dir():
         raise InvalidArgumentError(f"--checkpoint {path}: there is no folder {path.parent}; make it first")
     loaded = resume(path, request)
@@ -364,7 +365,7 @@ def _resumed(path: Path, request: Asked, *, background: bool) -> tuple[Progress,
         raise DamagedCheckpointError(f"{path}: {error}") from error
     if background and not loaded.identifier.background:
         raise InvalidArgumentError(
-            f"--background: {path} goes on without a second process; leave it out, or begin anew"
+            f"--background: {path} was made without a second process; leave the option out, or begin anew"
         )
     messages = [f"replant: {path}: continuing after {progress.taken:,} samples"]
     if loaded.used_previous:

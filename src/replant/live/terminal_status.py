@@ -1,4 +1,4 @@
-"""Terminal status: the view, redrawn in place or a line every few seconds; and the report at the end."""
+"""Terminal status: the view, redrawn in place or printed as a line every few seconds; and the dashboard's report."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from replant.plotting.numbers import fraction, grouped, with_std, wrapped
 from replant.report.findings import colour_of, without_reasons, words_of
 from replant.report.results_as_text import parameter_table
 
-LINES_APART = 5.0  # time between two lines where nobody watches [s]
-REASONS_WIDTH = 71  # width of the reasons, where a terminal has 80 columns [columns]
+LINES_APART = 5.0  # time between two status lines if standard error is not a terminal [s]
+REASONS_WIDTH = 71  # width of the reasons: 80 columns less their indent [columns]
 
 
 class TerminalStatus:
@@ -50,7 +50,7 @@ class TerminalStatus:
             self._live.start()
 
     def show(self, view: View | None, lines: Sequence[str] = ()) -> None:
-        """Print lines, and show the view, if any, until the next call; after the terminal was closed, do nothing."""
+        """Print lines, and show the view, if any, until the next call; do nothing once the terminal is closed."""
         if self._gone:
             return
         try:
@@ -61,11 +61,11 @@ class TerminalStatus:
             elif view is not None and time.monotonic() >= self._next:
                 self._next = time.monotonic() + LINES_APART
                 print(status_line(view), file=sys.stderr, flush=True)
-        except (OSError, SystemExit):  # the window was closed, or the reader of a pipe, where rich would exit
+        except (OSError, SystemExit):  # the window or the pipe was closed; rich raises SystemExit for a pipe
             self._gone = True
 
     def close(self) -> None:
-        """Remove the status; printed lines stay."""
+        """Remove the status; printed lines remain."""
         if self._live is not None:
             with contextlib.suppress(OSError, SystemExit):
                 self._live.stop()

@@ -1,4 +1,4 @@
-"""View: a running identification as people and pages see it; SessionInfo: the session's part of it."""
+"""View: the state of a running identification for terminal and dashboard; SessionInfo: the session's part of it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from replant.numerics.arguments import FloatArray
 
 @dataclass(frozen=True)
 class SessionInfo:
-    """The session's part of a view: what the identifier does not know."""
+    """The session's part of a view, which the identifier does not have."""
 
     at: float = 0.0  # rig time of the newest sample in s
     source: str = ""  # the source's URL
@@ -26,10 +26,10 @@ class SessionInfo:
     counters: Mapping[str, int] = field(default_factory=dict)
     rate: float = 0.0  # samples a second, over about the last second
     lag: float = 0.0  # seconds from a sample's arrival until it was learned; the longest since the last handover
-    silence: float = 0.0  # seconds since a sample was accepted, once the time to live is over; else 0
+    silence: float = 0.0  # seconds since a sample was accepted, if longer than the time to live; else 0
 
 
-#: Names of a rig's signals, with their units in brackets where known; of the input before its map.
+#: Default names of a rig's signals, here without units; the input's name is that before its map.
 UNNAMED = Signals(("input",), "output")
 
 
@@ -43,17 +43,17 @@ class Window:
     y: FloatArray
     model: FloatArray
     residual: FloatArray  # (V,): measured minus modelled output; NaN for samples that are left out
-    # (L, 2): begin and end, in rig time, of the stretches that verdict, fit and offset leave out: samples that were
-    # bridged or lie before the last interruption
+    # (L, 2): begin and end, in rig time, of the stretches that verdict, fit and offset leave out: bridged samples, and
+    # samples before the last interruption
     left_out: FloatArray
-    r: FloatArray  # (V,) or (0,): reference; empty where there is none
+    r: FloatArray  # (V,) or (0,): reference; empty if there is none
 
 
 @dataclass(frozen=True, eq=False)
 class Bode:
     """The frequency response with a band of two standard deviations around its magnitude."""
 
-    # each (F,): rad/s, dB, degrees, and the band in dB, NaN where it is not known
+    # each (F,): rad/s, dB, degrees, and the band in dB, NaN if unknown
     omega: FloatArray
     magnitude_db: FloatArray
     phase_deg: FloatArray
@@ -65,8 +65,8 @@ class Bode:
 class Step:
     """The step response with a band of two standard deviations."""
 
-    t: FloatArray  # (S,): since the step in s, closer where a fast mode settles; empty where y is not finite
-    # y, low, high: (S,): output by a unit step of the mapped input, and its band; the band is NaN where it is not known
+    t: FloatArray  # (S,): time since the step in s, denser while a fast mode settles; empty if y is not finite
+    # y, low, high: (S,): response to a unit step of the mapped input, and its band; the band is NaN if unknown
     y: FloatArray
     low: FloatArray
     high: FloatArray
@@ -76,7 +76,7 @@ class Step:
 class Truth:
     """The true plant of a simulated rig, at the frequencies and times of the estimate's responses."""
 
-    parameters: FloatArray  # (P,): NaN for those that the plant does not have
+    parameters: FloatArray  # (P,): NaN if the plant has another structure
     poles: npt.NDArray[np.complex128]
     zeros: npt.NDArray[np.complex128]
     magnitude_db: FloatArray  # magnitude_db, phase_deg: (F,)
@@ -97,7 +97,7 @@ class Rows:
 class FromInput:
     """The model from one input to the output, and its responses."""
 
-    input_label: str  # name of the mapped input, with its unit where known
+    input_label: str  # name of the mapped input, with its unit if known
     num: FloatArray
     den: FloatArray
     delay: float
@@ -113,14 +113,14 @@ class FromInput:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FurtherInput(FromInput):
-    """The same of an input after the first, with its samples."""
+    """The model from a further input to the output, with the samples of that input."""
 
     u: FloatArray  # (V,): at the times of the window
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View(SessionInfo, FromInput):
-    """A running identification at one moment: what the session says, and what the identifier does."""
+    """A running identification at one moment: the session's info and the identifier's state."""
 
     samples: int  # accepted samples
     rejected: Mapping[str, int]  # samples that the identifier rejected, by reason
@@ -130,12 +130,12 @@ class View(SessionInfo, FromInput):
     parameters: FloatArray  # parameters, std: (P,): NaN where unknown
     std: FloatArray
     verdict: str
-    excited: bool  # see `Assessment`; False while the verdict is not known
+    excited: bool  # see `Assessment`; False while the verdict is unknown
     reasons: tuple[str, ...]
-    # fit in percent of the model, simulated from the input alone, over the samples of the window that the verdict uses
+    # fit in percent of the output simulated from the input alone, over the samples that the verdict uses
     simulated: float
-    residual_std: float  # standard deviation of the residual by the noise model; NaN where there is none
-    output_label: str  # name of the output, with its unit where known
+    residual_std: float  # standard deviation of the residual by the noise model; NaN if there is none
+    output_label: str  # name of the output, with its unit if known
     window: Window
     history: Rows
     model: Mapping[str, Any]  # the model to be kept, as JSON; empty while there is none
@@ -147,18 +147,18 @@ class View(SessionInfo, FromInput):
         return self, *self.more_inputs
 
     def unjudged(self, reason: str) -> View:
-        """Return the view without a verdict, for a reason."""
+        """Return the view with the verdict "unknown" and its reason."""
         verdict = {"status": "converging", "excited": False, "reasons": [reason]}
         model = {**self.model, "verdict": verdict} if self.model else {}
         return replace(self, verdict=UNKNOWN, excited=False, reasons=(reason,), model=model)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the attributes as JSON values under their names; non-finite numbers are None, a root {real, imag}."""
+        """Return the attributes as JSON values; non-finite numbers become None, complex ones {real, imag}."""
         return {entry.name: _plain(getattr(self, entry.name)) for entry in fields(self)}
 
 
 def _plain(value: Any) -> Any:
-    """Return what JSON can hold."""
+    """Convert a value to JSON types."""
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
             return [{"real": root.real, "imag": root.imag} for root in value.tolist()]

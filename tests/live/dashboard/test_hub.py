@@ -125,7 +125,7 @@ def test_one_report_at_a_time() -> None:
         hub = Hub(command=print, report=report)
         first = asyncio.create_task(hub.report())
         await asyncio.to_thread(begun.wait, PATIENCE)
-        with pytest.raises(ReplantError, match="being made already"):
+        with pytest.raises(ReplantError, match="already being made"):
             await hub.report()
         let_go.set()
         return await first, await hub.report()

@@ -125,7 +125,7 @@ def test_parts_are_written_by_themselves_when_they_are_full(tmp_path: Path, monk
 
 def test_a_used_folder_is_not_mixed_with_another_record(tmp_path: Path) -> None:
     recorded(tmp_path, [slice(0, 10)])
-    with pytest.raises(rp.InvalidArgumentError, match="holds a record already; choose another folder"):
+    with pytest.raises(rp.InvalidArgumentError, match="already holds a record; choose another folder"):
         recorded(tmp_path, [slice(10, 20)])
 
 

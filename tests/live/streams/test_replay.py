@@ -108,7 +108,7 @@ def test_a_file_whose_name_has_a_question_mark(tmp_path: Path, read: Callable[..
         ("log.csv?colour=red", "unknown option 'colour'; known are: input, output, reference, time, dt, speed"),
         ("log.csv?speed=fast", "speed must be a positive number"),
         ("log.csv?speed=0", "speed must be a positive number"),
-        ("log.csv?time=t&dt=1", "give one of time and dt"),
+        ("log.csv?time=t&dt=1", "give either time or dt"),
         ("log.csv?speed", "options are written"),
         ("untimed.csv?speed=1", "add &time=COLUMN or &dt=SECONDS"),
     ],

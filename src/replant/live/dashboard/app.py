@@ -1,4 +1,4 @@
-"""The application: the hub, which passes views on and commands back; page and assets, a websocket, downloads."""
+"""The application: the hub between identification and browsers; page and assets, websocket, commands, downloads."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ from replant.report.page_frame import uplot
 
 #: The commands that a page may send to the identification.
 COMMANDS = ("freeze", "adapt", "reset")
-DIGITS = 7  # digits of a number that is only drawn: a screen shows four [count]
-_SLOW = ("bode", "step", "truth")  # they change slowly: they are sent with the history
+DIGITS = 7  # digits of numbers that are only drawn: a screen shows four [count]
+_SLOW = ("bode", "step", "truth")  # parts that change slowly and are sent with the history
 _DRAWN = ("window", "more_inputs", *_SLOW, "history")
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A view as it is sent, serialized once for all browsers."""
+    """A view serialized once for all browsers."""
 
     source: dict[str, Any]  # the view
-    # view, history: JSON objects: the view without what changes slowly; the history and the responses, which do
+    # view, history: JSON objects: the view without its slow parts; the history and the slow parts
     view: str
     history: str
 
 
 class Hub:
-    """Holds the newest view for browsers; views are not queued: a slow browser misses those in between."""
+    """Holds the newest view for browsers; views are not queued, so a slow browser skips some."""
 
     def __init__(
         self,
@@ -56,9 +56,9 @@ class Hub:
         report: Callable[[], bytes] = bytes,
         notice: Callable[[str], None] = lambda text: None,
     ) -> None:
-        self.command, self.notice = command, notice  # the former sends a name of `COMMANDS` to the identification
+        self.command, self.notice = command, notice  # `command` sends a name of `COMMANDS` to the identification
         self._report = report
-        self.ended = False  # no view follows the newest one: browsers that have it are then disconnected
+        self.ended = False  # whether the newest view is the last one; browsers that have it are then disconnected
         self.browsers = 0  # number of browsers with an open websocket
         self.newest: dict[str, Any] | None = None  # the view published last, None before the first
         self._frame: Frame | None = None
@@ -69,21 +69,21 @@ class Hub:
         self.newest = view
 
     def frame(self) -> Frame | None:
-        """Return the newest view as a frame, which is serialized when the first browser asks for it."""
+        """Return the newest view as a frame, serialized at the first request."""
         view = self.newest
         if view is not None and (self._frame is None or self._frame.source is not view):
             shown = {key: _rounded(value) if key in _DRAWN else value for key, value in view.items()}
             history = shown.pop("history", None)
-            shown.pop("model", None)  # only for whoever downloads it
+            shown.pop("model", None)  # only for downloads
             slow = {key: shown.pop(key) for key in _SLOW if key in shown}
             text = _text({"view": shown}), _text({"history": history, **({"slow": slow} if slow else {})})
             self._frame = Frame(view, *text)
         return self._frame
 
     async def report(self) -> bytes:
-        """Return a report of the identification as HTML; takes seconds, in a thread."""
+        """Return a report of the identification as HTML; it takes seconds, in a thread."""
         if not self._reporting.acquire(blocking=False):
-            raise ReplantError("a report is being made already: try again when it is finished")
+            raise ReplantError("a report is already being made: try again when it is finished")
         try:
             return await asyncio.to_thread(self._report)
         finally:
@@ -91,7 +91,7 @@ class Hub:
 
 
 def _rounded(value: Any) -> Any:
-    """Return ``value`` with its numbers rounded to the visible digits, which halves the number of bytes."""
+    """Round the numbers in ``value`` to `DIGITS` digits, which halves the number of bytes."""
     if isinstance(value, float):
         return float(f"{value:.{DIGITS}g}")
     if isinstance(value, list | tuple):
@@ -105,15 +105,15 @@ def _text(message: dict[str, Any]) -> str:
     return json.dumps(message, allow_nan=False, separators=(",", ":"))
 
 
-PERIOD = 0.2  # time between two views to one browser [s]
-HISTORY_PERIOD = 1.0  # time between two messages of what is long and changes slowly, history and responses [s]
-LOOK = 0.05  # time between two looks for a newer view [s]
-MOST_WATCHING = 256  # browsers at a time [count]
-_OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008  # codes of closing a websocket [number]
+PERIOD = 0.2  # time between two views to a browser [s]
+HISTORY_PERIOD = 1.0  # time between two messages of history and responses, which are long and change slowly [s]
+LOOK = 0.05  # time between two checks for a newer view [s]
+MOST_WATCHING = 256  # most simultaneous browsers [count]
+_OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008  # close codes of a websocket [number]
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _SCRIPTS = ("dashboard", "verdict", "sign", "inputs", "model", "plane", "span", "signals", "responses", "parameters")
 _OWN = (*(f"{name}.js" for name in _SCRIPTS), "frame.css", "dashboard.css", "icon.svg")
-_OF_REPORT = ("chart.js", "format.js", "palette.css")  # what the report draws with, too
+_OF_REPORT = ("chart.js", "format.js", "palette.css")  # shared with the report
 
 
 def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starlette:
@@ -129,7 +129,7 @@ def page_app(
     token: str | None,
     hosts: tuple[str, ...],
 ) -> Starlette:
-    """Return a page with its assets and its other routes, under the protections of every page of replant."""
+    """Return an application of a page, its assets and further routes, with the access control of every page."""
 
     async def index(_: Request) -> Response:
         return Response(page, media_type="text/html")
@@ -151,7 +151,7 @@ def page_app(
 
 
 async def _failed(_: Request, __: Exception) -> Response:
-    """Answer a request that raised an unexpected error, which the server logs.  The guard's headers are set here."""
+    """Answer a request that raised an unexpected error, which the server logs; the guard does not add its headers."""
     return PlainTextResponse("The request failed: the terminal shows the reason.\n", 500, headers=HEADERS)
 
 
@@ -159,7 +159,7 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
     """Return the routes of views, commands, models and reports."""
 
     async def model(request: Request) -> Response:
-        found = (hub.newest or {}).get("model")  # with all its digits
+        found = (hub.newest or {}).get("model")  # with all digits
         if not found:
             return PlainTextResponse("There is no model yet.\n", 404)
         if request.url.path == "/model.py":
@@ -195,7 +195,7 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
 
 
 async def stream(hub: Hub, socket: WebSocket) -> None:
-    """Send views until the last one, or until the browser closes the websocket or sends anything."""
+    """Send views until the last one, or until the browser closes the websocket or sends a message."""
     if hub.browsers >= min(MOST_WATCHING, most_connections() // 2):
         await socket.close(_TRY_LATER, "too many browsers are connected")
         return
@@ -223,13 +223,13 @@ async def _converse(hub: Hub, socket: WebSocket) -> None:
 
 
 async def _send(hub: Hub, socket: WebSocket) -> None:
-    """Send views to the last one, and less often what is long and changes slowly."""
+    """Send views until the last one, and history and responses less often."""
     periods = {"view": PERIOD, "history": HISTORY_PERIOD}
     sent: dict[str, Frame | None] = dict.fromkeys(periods)
     due = dict.fromkeys(periods, 0.0)
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # the browser has closed the websocket
         while True:
-            ended, frame = hub.ended, hub.frame()  # in this order: the frame after an end is the last one
+            ended, frame = hub.ended, hub.frame()  # in this order: once `ended` is true, the frame is the last one
             for part, period in periods.items():
                 if frame is not None and frame is not sent[part] and (ended or time.monotonic() >= due[part]):
                     sent[part], due[part] = frame, time.monotonic() + period
@@ -240,12 +240,12 @@ async def _send(hub: Hub, socket: WebSocket) -> None:
 
 
 def file_answer(content: bytes, kind: str, name: str) -> Response:
-    """Return an answer that the browser saves under a name."""
+    """Return an answer that the browser saves as a file."""
     return Response(content, media_type=kind, headers={"Content-Disposition": f'attachment; filename="{name}"'})
 
 
 def python_of(model: dict[str, Any]) -> str:
-    """Return a program that makes the model's transfer function, or of several inputs that of each, by its name."""
+    """Return a program that makes the model's transfer function; for several inputs a dictionary of them by name."""
     verdict = " ".join(str(model["verdict"]["status"]).split())  # in one line, so that it cannot end the comment
     return (
         f"# identified by replant from {int(model['samples'])} samples; verdict: {verdict}\n"
@@ -270,7 +270,7 @@ def _own(name: str) -> bytes:
 
 @cache
 def dashboard_assets() -> dict[str, bytes]:
-    """Return everything that the page loads, by name."""
+    """Return all files that the page loads, by name."""
     found = {name: _own(name) for name in _OWN} | {name: report_asset(name).encode() for name in _OF_REPORT}
     words = {status: [each.gravity, each.headline, each.text] for status, each in VERDICTS.items()}  # the report's
     found["words.js"] = f"export const VERDICTS = new Map(Object.entries({json.dumps(words)}));\n".encode()

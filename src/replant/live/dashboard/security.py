@@ -1,4 +1,4 @@
-"""Who may see the page and send commands, and limits on connections.
+"""Access control of the page and its commands, and limits on connections.
 
 A foreign web page can make a browser send requests to this server.  Therefore the Host header must name this server,
 which prevents DNS rebinding; commands and websockets must have the page's own origin; and a server that other machines
@@ -38,9 +38,9 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-LONGEST_TOKEN = 1024  # characters of a token that are compared at all [characters]
-PAUSE = 0.5  # time before a missing or wrong token is answered, one after the other: nobody tries many [s]
-MOST_WAITING = 32  # requests that may wait for that answer; of more no token is looked at [count]
+LONGEST_TOKEN = 1024  # characters of a token that are compared [characters]
+PAUSE = 0.5  # delay of the answer to a missing or wrong token; answers come one by one, against guessing [s]
+MOST_WAITING = 32  # most requests that wait for that answer; further tokens are not checked [count]
 
 
 class Guard:
@@ -86,7 +86,7 @@ class Guard:
         """Return status and reason of a refusal; None for a request that is allowed."""
         if not self._names_this_server(request):
             return 421, "This server is not known by that name: open the address that it printed."
-        if not _is_look(request) and not _is_same_origin(request.headers):
+        if not _is_read_only(request) and not _is_same_origin(request.headers):
             return 403, "Only the dashboard's own page may do that."
         if self.token is None or _is(request.cookies.get(_cookie_name(request), ""), self._proof().encode()):
             return None
@@ -101,7 +101,7 @@ class Guard:
             (named,) = request.headers.getlist("host")
             parts = urlsplit(f"//{named}")
             parts.port  # noqa: B018 - raises for an invalid port
-        except ValueError:  # no name, or several
+        except ValueError:  # no Host header, several, or an invalid one
             return False
         server = request.scope.get("server")
         known = self.hosts if server is None else {*self.hosts, server[0]}
@@ -111,12 +111,12 @@ class Guard:
         assert self.token is not None
         kind, _, bearer = request.headers.get("authorization", "").partition(" ")
         brought = [bearer.strip()] if kind.lower() == "bearer" else []
-        if _is_look(request):
+        if _is_read_only(request):
             brought += request.query_params.getlist("token")[:1]
         return any(_is(one[:LONGEST_TOKEN], self.token) for one in brought)
 
     def _proof(self) -> str:
-        """Return the cookie's value: it proves that the token was known, and does not reveal it."""
+        """Return the cookie's value, which proves knowledge of the token without revealing it."""
         assert self.token is not None
         return hmac.new(self.token, b"replant dashboard", hashlib.sha256).hexdigest()
 
@@ -125,8 +125,8 @@ def _is(given: str, secret: bytes) -> bool:
     return hmac.compare_digest(given.encode(), secret)
 
 
-def _is_look(request: HTTPConnection) -> bool:
-    """Return whether a request changes nothing, and gives nothing to a foreign page."""
+def _is_read_only(request: HTTPConnection) -> bool:
+    """Return whether a request changes nothing, and a foreign page cannot read its answer."""
     return request.scope["type"] == "http" and request.scope["method"] in ("GET", "HEAD")
 
 
@@ -145,26 +145,26 @@ def _is_same_origin(headers: Headers) -> bool:
     return origin.scheme in ("http", "https") and origin.netloc.lower() == headers.get("host", "").lower()
 
 
-MOST = 512  # connections at a time, at the most [count]
-LEAST = 8  # connections at a time that are always allowed: a page is loaded over several [count]
+MOST = 512  # most simultaneous connections [count]
+LEAST = 8  # simultaneous connections that are always allowed: a browser loads a page over several [count]
 SHARE = 2  # connections may use at most 1/N of the file descriptors [count]
-ASKING = 10.0  # time for the headers of a request, the first or the next [s]
-ANSWERING = 120.0  # time for a request and its answer: a report takes seconds, and a slow browser its time [s]
-LEAVING = 5.0  # time from the goodbye until the connection is gone [s]
+ASKING = 10.0  # timeout of the headers of a request, the first or the next [s]
+ANSWERING = 120.0  # timeout of a request and its answer: a report takes seconds, and browsers may be slow [s]
+LEAVING = 5.0  # timeout of a connection after its websocket has ended [s]
 
 
 def most_connections() -> int:
-    """Return how many connections there may be at a time."""
+    """Return the largest number of simultaneous connections."""
     try:
         import resource
-    except ImportError:  # Windows, where a loop looks at 512 sockets at most
+    except ImportError:  # Windows, where an event loop handles at most 512 sockets
         return MOST // SHARE
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return MOST if limit < 0 else min(max(limit // SHARE, LEAST), MOST)
 
 
 class _Connection:
-    """A connection, which is cut off if nothing happens."""
+    """A connection with a timeout."""
 
     def __init__(self, wire: socket.socket) -> None:
         self.wire = wire
@@ -173,19 +173,19 @@ class _Connection:
         self.cut_off_in(ASKING)
 
     def cut_off_in(self, seconds: float | None) -> None:
-        """Set the time after which the connection is cut off; None: never."""
+        """Set the timeout of the connection; None: no timeout."""
         if self._deadline is not None:
             self._deadline.cancel()
         self._deadline = None if seconds is None else get_running_loop().call_later(seconds, self.cut_off)
 
     def cut_off(self) -> None:
-        """End both directions: the server then reads an end and closes, whatever it still wanted to write."""
+        """Shut down both directions: the server then reads an end and closes, even if it has more to write."""
         with contextlib.suppress(OSError):
             self.wire.shutdown(socket.SHUT_RDWR)
 
 
 class Listening(socket.socket):
-    """A listening socket that lets so many connections in at a time: a further one replaces the oldest idle one."""
+    """A listening socket that reports each accepted connection to `Connections`, which limits their number."""
 
     connections: Connections | None = None
 
@@ -198,7 +198,7 @@ class Listening(socket.socket):
 
 
 class Connections:
-    """An ASGI application in front of another one, which limits number and duration of connections."""
+    """ASGI middleware that limits the number and the duration of connections."""
 
     def __init__(self, app: ASGIApp, listening: Listening, most: int, notice: Callable[[str], None]) -> None:
         self.app, self.most, self._notice = app, most, notice
@@ -208,7 +208,7 @@ class Connections:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve a request, with a limit on its duration."""
         connection = self._open.get(tuple(scope.get("client") or ("", 0)))
-        if connection is None:  # cut off meanwhile: the answer is not sent
+        if connection is None:  # it was cut off: the answer cannot be sent
             await self.app(scope, receive, send)
             return
 
@@ -226,9 +226,9 @@ class Connections:
             connection.cut_off_in(LEAVING if scope["type"] == "websocket" else ASKING)
 
     def opened(self, wire: socket.socket, client: Any) -> None:
-        """Take a connection that was accepted."""
+        """Register an accepted connection; if there are too many, cut off the oldest without a websocket."""
         get_running_loop().set_exception_handler(self._failed)
-        # the server closes the socket that it was given
+        # the server closes the sockets; forget the closed ones
         self._open = {at: found for at, found in self._open.items() if found.wire.fileno() >= 0}
         if len(self._open) >= self.most:
             self._notice(f"more than {self.most} connections: the oldest without a websocket are closed")
@@ -240,6 +240,6 @@ class Connections:
         self._open[str(client[0]), int(client[1])] = _Connection(wire)
 
     def _failed(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Report an error outside of all requests, such as a lack of file descriptors for a connection."""
+        """Report an error outside of requests, such as a lack of file descriptors for a connection."""
         error = context.get("exception")
         self._notice(" ".join(f"{context.get('message')} ({error})".split()))

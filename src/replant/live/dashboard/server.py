@@ -1,4 +1,4 @@
-"""The server: serves the dashboard from a thread; an address that other machines can reach requires a token."""
+"""The server of the dashboard, in a thread; an address that other machines can reach requires a token."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from replant.live.dashboard.app import Hub
 
-GRACE = 1.0  # time that browsers get to say goodbye [s]
-LEFT_BEHIND = 10.0  # time after which a server that does not end is waited for no longer [s]
+GRACE = 1.0  # timeout for browsers to disconnect [s]
+LEFT_BEHIND = 10.0  # timeout for the end of the server's thread [s]
 PAGES_NEED = "the dashboard needs starlette, uvicorn and websockets"
 S = TypeVar("S", bound=socket.socket)
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
@@ -46,7 +46,7 @@ class Dashboard(AbstractContextManager["Dashboard"]):
 
     def _run(self) -> None:
         try:
-            # the loop that calls `accept` of the socket, also on Windows
+            # this loop calls `accept` of the socket, also on Windows
             with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
                 runner.run(self._server.serve(sockets=[self._listening]))
         except Exception as error:
@@ -68,11 +68,11 @@ class Dashboard(AbstractContextManager["Dashboard"]):
 
     def stop(self) -> None:
         """Close all connections and end the thread; without `announce_end` browsers try to connect again."""
-        # the session does not wait for the page: a server that does not end is left behind
+        # the session must not wait for the page: a server that does not end is abandoned
         self._server.should_exit = True
         self._thread.join(LEFT_BEHIND)
         if self.alive:
-            self._hub.notice(f"its server has not ended within {LEFT_BEHIND:g} s: it is left behind")
+            self._hub.notice(f"its server has not ended within {LEFT_BEHIND:g} s, and is abandoned")
 
     def __exit__(self, *_: object) -> None:
         """Stop serving."""
@@ -99,15 +99,15 @@ def serve(
     config = uvicorn.Config(
         Connections(app, listening, most, hub.notice),
         http="h11",
-        backlog=max(most // 4, 1),  # so many may come in at once before the first of them is looked at
+        backlog=max(most // 4, 1),  # connections that may wait to be accepted
         log_config=None,
         log_level="warning",
         access_log=False,
         server_header=False,
         lifespan="off",
         ws="websockets-sansio",
-        ws_max_size=1024,  # the page never speaks
-        ws_per_message_deflate=False,  # a hundred browsers would cost a core
+        ws_max_size=1024,  # the page sends no messages
+        ws_per_message_deflate=False,  # for a hundred browsers compression would take a core
         timeout_graceful_shutdown=int(GRACE),
         proxy_headers=False,
     )
@@ -134,12 +134,12 @@ def _names(host: str) -> tuple[str, ...]:
     """Return the host names under which a server on ``host`` can be requested."""
     if _is_loopback(host):
         return _LOOPBACK
-    name = socket.gethostname()  # not getfqdn, which without a network waits for a name server
+    name = socket.gethostname()  # getfqdn would wait for a name server if there is no network
     return (host, name, f"{name}.local", *_LOOPBACK)
 
 
 def _bound(host: str, port: int, kind: type[S]) -> S:
-    """Return a socket that is bound in the calling thread, so that an address in use raises the error there."""
+    """Return a socket bound in the calling thread, so that an address in use raises its error there."""
     try:
         family, of, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listening = kind(family, of, protocol)

@@ -1,7 +1,7 @@
-"""What goes out: an estimate as a message, notices, and records in folders of Parquet files.
+"""Output of a session: the estimate as a message, notices, and records in folders of Parquet files.
 
-A Parquet file cannot be read before its end is written.  Therefore each part of the record is a small file, which is
-written under another name, forced to the disk and renamed: a crash loses at most the part that was being written.
+A Parquet file cannot be read before its end is written.  Therefore each part of the record is a small file that is
+written under a temporary name, synced to the disk and renamed: a crash loses at most the part being written.
 pandas, pyarrow, DuckDB and `replant run` read such a folder as one table.
 """
 
@@ -27,11 +27,11 @@ from replant.logs.arrow import CHECKED, check_rows, open_parquet
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import ENDING, Worker, one_line, replacing
 
-AGAIN = 60.0  # time until the next message about the same subject [s]
+AGAIN = 60.0  # least time between two messages about the same subject [s]
 
 
 class Notices:
-    """Passes messages on to ``show``, at most one a minute about each subject."""
+    """Passes messages to ``show``, at most one a minute about each subject."""
 
     def __init__(self, show: Callable[[str], None]) -> None:
         self._show = show
@@ -45,16 +45,16 @@ class Notices:
             self._show(message)
 
 
-VERSION = 1  # of `schema/message-1.json`; raised where an entry changes its meaning or goes away [count]
-UNKNOWN = "unknown"  # the verdict while none is known
-LEAST_TTL = 5.0  # least life of "trusted" without a sample: a network takes time to send again [s]
-INTERVALS = 10  # the same in sampling times: a slow plant's samples may come ten in a message [sampling times]
-#: `Estimate.status` while no sample is accepted, and when the session is over.
+VERSION = 1  # version of `schema/message-1.json`; a new one if an entry is removed or changes its meaning [count]
+UNKNOWN = "unknown"  # the verdict while there is none
+LEAST_TTL = 5.0  # least time to live: a network takes time to retransmit [s]
+INTERVALS = 10  # least time to live: a slow plant may send ten samples in a message [sampling times]
+#: `EstimateMessage.status` while no sample is accepted, and after the session's end.
 WAITING, ENDED = "waiting", "ended"
 
 
 def time_to_live(dt: float) -> float:
-    """Return the default time to live: how long "trusted" may stand without an accepted sample, in s."""
+    """Return the default time to live in s: how long "trusted" stays valid without an accepted sample."""
     return max(LEAST_TTL, INTERVALS * dt)
 
 
@@ -63,17 +63,17 @@ class EstimateMessage:
     """The estimate after a sample, with the newest verdict and the newest standard deviations."""
 
     timestamp: float  # rig time of the sample in s
-    sequence: int | None  # number of the sample, where the device gives one
+    sequence: int | None  # number of the sample, if the device numbers them
     samples: int  # accepted samples so far
     names: tuple[str, ...]  # names of the P parameters
     parameters: FloatArray  # (P,): NaN until there is a first model
-    # (P,): standard deviations.  They and the verdict may be tenths of a second older than the sample; NaN and
-    # "unknown" where the estimate has moved since by more than they allow
+    # (P,): standard deviations.  They and the verdict may be tenths of a second older than the sample; they are NaN and
+    # "unknown" if the estimate has changed significantly since
     std: FloatArray
     status: str  # starting, running, diverged; waiting: no sample is accepted; ended: the session is over
     verdict: str
-    excited: bool = False  # see `Assessment`; False while the verdict is not known
-    ttl: float = 0.0  # seconds from the receipt of the message for which a controller may use the model; 0: it may not
+    excited: bool = False  # see `Assessment`; False while the verdict is unknown
+    ttl: float = 0.0  # time in s after the receipt in which a controller may use the model; 0: it may not
     sent: float | None = None  # Unix time in s at which the message was sent; None before that
 
     @property
@@ -82,7 +82,7 @@ class EstimateMessage:
         return self.verdict == "trusted" and self.ttl > 0.0
 
     def as_json(self) -> bytes:
-        """Return one line of JSON, without the line end: a flat object, in which unknown numbers are null."""
+        """Return one line of JSON without the line end: a flat object; unknown numbers are null."""
         numbers = {
             prefix + name: value if math.isfinite(value) else None
             for prefix, values in (("", self.parameters), ("std_", self.std))
@@ -97,11 +97,11 @@ class EstimateMessage:
         return json.dumps(fields, separators=(",", ":"), allow_nan=False).encode()
 
 
-MOST_WAITING = 16  # pieces of work that wait for the disk at the most [count]
+MOST_WAITING = 16  # most jobs in the queue of the disk [count]
 
 
 class DiskWriter:
-    """Runs jobs one after the other in its own thread; a job that fails is reported, and the next one is run."""
+    """Runs jobs in order in its own thread; a failed job is reported, and the next one runs."""
 
     def __init__(self, notices: Notices) -> None:
         self._notices = notices
@@ -110,7 +110,7 @@ class DiskWriter:
         self._thread.start()
 
     def submit(self, subject: str, job: Callable[[], None]) -> bool:
-        """Queue a job; return False if too many jobs wait.  ``subject`` begins the message if the job fails."""
+        """Queue a job; return False if the queue is full.  A message about a failure begins with ``subject``."""
         try:
             self._jobs.put_nowait((subject, job))
         except queue.Full:
@@ -119,7 +119,7 @@ class DiskWriter:
         return True
 
     def wait(self) -> None:
-        """Wait until every job has been done."""
+        """Wait until all jobs are done."""
         self._jobs.join()
 
     def close(self) -> None:
@@ -130,8 +130,8 @@ class DiskWriter:
     def _work(self) -> None:
         running = True
         while running:
-            # without memory even taking a job from the queue or reporting a failure may fail; the thread must survive
-            # that, because `wait` and `close` would otherwise never return
+            # if memory is exhausted, even taking a job from the queue or reporting a failure may fail; the thread must
+            # survive, as otherwise `wait` and `close` never return
             with contextlib.suppress(Exception):
                 running = self._do_next()
 
@@ -150,8 +150,8 @@ class DiskWriter:
         return True
 
 
-ROWS = 200_000  # rows of a part: a few megabytes [rows]
-SECONDS = 30.0  # time after which a part is written even if it is short [s]
+ROWS = 200_000  # rows after which a part is written: a few megabytes [rows]
+SECONDS = 30.0  # time after which a shorter part is written [s]
 PART = "part-{:08d}.parquet"
 
 Samples = tuple[npt.NDArray[np.int64] | None, dict[str, FloatArray]]  # the device's numbers, and the columns
@@ -161,8 +161,8 @@ class ParquetRecorder:
     """Records samples in FOLDER/samples (n, t, the signals, r) and estimates in FOLDER/estimates."""
 
     name = "record"
-    interval = 0.1  # s of real time at the least between two recorded estimates
-    behind = False  # a record never waits for a receiver
+    interval = 0.1  # least real time between two recorded estimates, in s
+    behind = False  # as a sink it never lacks the newest estimate
 
     def __init__(self, folder: Path, disk_writer: DiskWriter, signals: Signals = UY, *, go_on: bool = False) -> None:
         if importlib.util.find_spec("pyarrow") is None:
@@ -191,18 +191,18 @@ class ParquetRecorder:
         self._estimates.waiting.append(estimate)
 
     def close(self) -> None:
-        """Have the last part written, in the background."""
+        """Queue the writing of the last part."""
         self.flush()
 
     def flush(self) -> None:
-        """Have the samples and estimates so far written as a part of each, in the background."""
+        """Queue the writing of a part with the samples, and of one with the estimates, since the last parts."""
         self._samples.flush()
         self._estimates.flush()
         self._rows, self._start = 0, time.monotonic()
 
 
 class _Parts:
-    """A folder of Parquet files, numbered in their order, and what waits for the next one."""
+    """A folder of numbered Parquet files, and the entries for the next one."""
 
     def __init__(
         self, folder: Path, table_of: Callable[[list[Any]], Any], disk_writer: DiskWriter, *, go_on: bool
@@ -213,18 +213,18 @@ class _Parts:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._found = sorted(folder.glob("part-*.parquet"))
-            for unfinished in (*folder.glob(f".*{ENDING}"), *folder.glob(".part-*")):  # this name before
+            for unfinished in (*folder.glob(f".*{ENDING}"), *folder.glob(".part-*")):  # .part-*: of older versions
                 unfinished.unlink()
         except OSError as error:
             raise InvalidArgumentError(f"--record: {one_line(error)}; choose a folder that can be written") from None
         if self._found and not go_on:
             raise InvalidArgumentError(
-                f"--record: {folder} holds a record already; choose another folder, or go on with its --checkpoint"
+                f"--record: {folder} already holds a record; choose another folder, or continue with its --checkpoint"
             )
         self._number = int(self._found[-1].stem.removeprefix("part-")) if self._found else 0
 
     def last_number(self) -> int:
-        """Return the largest number n in the newest part, or the least integer where there is none."""
+        """Return the largest number n in the newest part; the smallest integer if there is none."""
         import pyarrow.compute
 
         last = None
@@ -236,7 +236,7 @@ class _Parts:
         return int(np.iinfo(np.int64).min) if last is None else int(last)
 
     def flush(self) -> None:
-        """Have what waits written as a part, which has its name once it is whole and on the disk."""
+        """Queue the writing of the waiting entries as a part; it gets its name when it is complete on the disk."""
         waiting, self.waiting = self.waiting, []
         if waiting:
             self._number += 1

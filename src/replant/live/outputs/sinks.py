@@ -1,8 +1,8 @@
 """Sinks: the receivers of estimates, one class for each scheme; and the thread that sends to them.
 
 No receiver holds ``trusted: 1`` for longer than the time to live without an accepted sample.  Each message carries the
-rest of that time, for receivers that get no further message.  When the time is over while the session's thread waits
-for samples, for a disk or for a solution, the watchdog's thread sends ``trusted: 0`` instead.
+rest of that time, for receivers that get no further message.  If the time expires while the session's thread waits for
+samples, for a disk or for a solution, the watchdog's thread sends ``trusted: 0`` instead.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from replant.logs.table import needed
 from replant.numerics.operating_system import Worker, one_line
 
 PORT = "give a port from 1 to 65535 after the host"
-BROKER_TIMEOUT = 5.0  # time that a broker may be away before it is said [s]
-KEEPALIVE = 1, 15  # least and longest time in which the broker must hear from the client [s]
+BROKER_TIMEOUT = 5.0  # time without a broker after which it is reported [s]
+KEEPALIVE = 1, 15  # shortest and longest keep-alive interval [s]
 #: The message that the broker publishes when the connection to the session breaks.
 WILL = json.dumps(
     {"trusted": 0, "excited": 0, "ttl": 0.0, "status": ENDED, "verdict": UNKNOWN}, separators=(",", ":")
@@ -42,17 +42,17 @@ class Sink(Protocol):
     """A receiver of estimates.  `send` must not block; only one thread at a time calls it."""
 
     name: str
-    #: Least time between two estimates in s; estimates in between are left out, but never the newest one.
+    #: Least time between two estimates in s; estimates in between are skipped, except the newest one.
     interval: float
-    #: Whether the receiver lacks the newest estimate, which must be sent again: the receiver is slow, was away, or has
-    #: just connected.
+    #: Whether the receiver lacks the newest estimate, which must be sent again: the receiver is slow, was disconnected,
+    #: or has just connected.
     behind: bool = False
 
     def send(self, estimate: EstimateMessage) -> None:
-        """Send the estimate, or leave it out and set `behind`, or raise OSError with the reason."""
+        """Send the estimate, or skip it and set `behind`, or raise OSError with the reason."""
 
     def close(self) -> None:
-        """Send what is queued, and close the connection; where lines are written at once, do nothing."""
+        """Send queued messages, and close the connection; by default do nothing."""
         return
 
 
@@ -77,17 +77,17 @@ class LineSink(Sink):
             self._poll.register(descriptor, select.POLLOUT)
 
     def send(self, estimate: EstimateMessage) -> None:
-        """Write a line; one with ``trusted: 1`` only once a pipe's reader has read the others: none may be outdated."""
+        """Write a line; with ``trusted: 1`` only into an empty pipe, as a line that waits there may become outdated."""
         self.behind = not self._has_room(alone=estimate.trusted)
         if self.behind:
             return
         rest = (b"\n" if self._cut else b"") + estimate.as_json() + b"\n"
         while rest:
             rest = rest[os.write(self._descriptor, rest) :]
-            self._cut = bool(rest)  # if the line is cut, by a full disk, the next one must begin on a new line
+            self._cut = bool(rest)  # after a line cut by a full disk, the next one must begin on a new line
 
     def _has_room(self, *, alone: bool) -> bool:
-        """Return whether a line can be written without blocking; with ``alone``, also that no line is unread."""
+        """Return whether a line can be written without blocking; with ``alone``, also whether no line is unread."""
         if self._poll is None:
             return True
         found = self._poll.poll(0)
@@ -98,7 +98,7 @@ class LineSink(Sink):
 
 
 class UdpSink(Sink):
-    """Sends each estimate as a UDP datagram, heard or not; PlotJuggler's "UDP Server" reads its JSON."""
+    """Sends each estimate as a UDP datagram without confirmation; PlotJuggler's "UDP Server" reads its JSON."""
 
     interval = 0.0005  # no controller reads estimates faster
 
@@ -131,8 +131,8 @@ class UdpSink(Sink):
 class MqttSink(Sink):
     """Publishes estimates over MQTT; the broker retains the newest for clients that subscribe later.
 
-    During a break estimates are left out; the newest one is sent after it.  If the session or its network dies, the
-    broker publishes the session's last will, ``trusted: 0``.
+    While the broker is disconnected, estimates are skipped; then the newest one is sent.  If the session or its network
+    dies, the broker publishes the session's last will, ``trusted: 0``.
     """
 
     interval = 0.01
@@ -145,8 +145,8 @@ class MqttSink(Sink):
             raise InvalidArgumentError(
                 f"--to {self.name}: name one topic after the host, as in mqtt://host/rig/1/model"
             )
-        # one client name for all connections: a new connection replaces the old one at the broker, which publishes the
-        # old one's will first, and only then the estimates of the new one
+        # one client name for all connections: the broker replaces the old connection and publishes its will before the
+        # estimates of the new one
         self._client: Any = client.Client(client.CallbackAPIVersion.VERSION2, f"replant-{uuid.uuid4().hex[:12]}")
         self._client.will_set(self._topic, WILL, qos=1, retain=True)
         if address.user:
@@ -158,13 +158,13 @@ class MqttSink(Sink):
         self._connected = time.monotonic()
         self._unsent = False  # whether an estimate waits for the network
         self.behind = True
-        # a broker waits for one and a half times the keep-alive interval, and may notice a second later
+        # a broker waits for one and a half keep-alive intervals, and may notice the loss a second later
         keepalive = min(max(KEEPALIVE[0], int(ttl / 2.0)), KEEPALIVE[1])
         self._client.connect_async(address.host, port, keepalive)
         self._client.loop_start()
 
     def send(self, estimate: EstimateMessage) -> None:
-        """Publish the estimate as retained message, unless the broker is away or the one before is still unsent."""
+        """Publish the estimate as a retained message, unless the broker is away or the previous one is still unsent."""
         now = time.monotonic()
         connected = self._client.is_connected()
         self.behind = not connected or self._unsent
@@ -186,7 +186,7 @@ class MqttSink(Sink):
         self._unsent = False
 
     def close(self) -> None:
-        """Send what is queued, and disconnect."""
+        """Send queued messages, and disconnect."""
         if self._client.is_connected():
             self._client.disconnect()
         self._client.loop_stop()
@@ -211,7 +211,7 @@ def open_sink(address: str, ttl: float = LEAST_TTL) -> Sink:
 
 
 def _unread(descriptor: int) -> int:
-    """Return the number of unread bytes in a pipe; 0 where the system does not tell."""
+    """Return the number of unread bytes in a pipe; 0 if the system does not report it."""
     try:
         import fcntl
         import termios
@@ -221,13 +221,13 @@ def _unread(descriptor: int) -> int:
         return 0
 
 
-TICK = 0.05  # time between two looks of the watchdog, at the most [s]
-GOODBYE = 2.0  # time that the sinks get to take the news of the end [s]
+TICK = 0.05  # longest time between two checks of the watchdog [s]
+GOODBYE = 2.0  # timeout for sending the last message to the sinks [s]
 
 
 @dataclass
 class _Receiver:
-    """A sink and its state: whether an estimate is pending, when it is due, whether it may hold trust, has ended."""
+    """A sink and its state: pending estimate, due time, whether the receiver may hold trust, and has ended."""
 
     sink: Sink
     pending: bool = False
@@ -271,12 +271,12 @@ class Publisher:
 
     @property
     def silence(self) -> float:
-        """Seconds since a sample was accepted, once trust has expired for want of one; else 0."""
+        """Seconds since a sample was accepted, if longer than the time to live; else 0."""
         since = self._now() - self._accepted
         return since if self._ttl <= since < math.inf else 0.0
 
     def mark(self) -> None:
-        """Mark that there is a new estimate to send."""
+        """Mark a new estimate as pending."""
         for receiver in self._all:
             receiver.pending = True
 
@@ -292,11 +292,11 @@ class Publisher:
             self._transmit(receiver)
 
     def check(self) -> None:
-        """Do the watchdog's work once: withdraw expired trust, and send again what did not arrive."""
+        """Do the watchdog's work once: withdraw expired trust, and send estimates again that did not arrive."""
         expired = self._remaining() <= 0.0
         for receiver in self._watched:
             if receiver.sink.behind or (expired and receiver.trusted):
-                self._transmit(receiver, wait=0.0)  # the other thread may be sending right now
+                self._transmit(receiver, wait=0.0)  # do not wait for the other thread, which may be sending
 
     def end(self) -> None:
         """Send ``status: ended`` on every sink, and close them; a second call has no effect."""
@@ -306,7 +306,7 @@ class Publisher:
         if self._thread is not None:
             self._thread.join(GOODBYE)
         for receiver in self._watched:
-            self._transmit(receiver, wait=GOODBYE)  # its connection may block the watchdog
+            self._transmit(receiver, wait=GOODBYE)  # the watchdog may be blocked by its connection
         deadline = time.monotonic() + GOODBYE
         while any(receiver.sink.behind for receiver in self._watched) and time.monotonic() < deadline:
             time.sleep(0.2 * TICK)
@@ -323,15 +323,15 @@ class Publisher:
             pause = min(left, TICK) if left > 0.0 else TICK
 
     def _remaining(self) -> float:
-        """Return how long a controller may still use the estimate, in s."""
+        """Return the rest of the time to live in s: how long a controller may still use the estimate."""
         return 0.0 if self._ended.is_set() else max(self._accepted + self._ttl - self._now(), 0.0)
 
     def _transmit(self, receiver: _Receiver, wait: float = -1.0) -> None:
-        """Send the newest estimate with the present time to live, unless another thread is sending for ``wait`` s."""
+        """Send the newest estimate with its present time to live; give up if another thread sends for ``wait`` s."""
         if self._newest is None or not receiver.lock.acquire(timeout=wait):
             return
         try:
-            if receiver.ended:  # the watchdog may have been about to send, and said it
+            if receiver.ended:  # the other thread has sent the end meanwhile
                 return
             estimate = self._stamped(self._newest)
             receiver.trusted |= estimate.trusted
@@ -348,12 +348,12 @@ class Publisher:
             receiver.lock.release()
 
     def _stamped(self, estimate: EstimateMessage) -> EstimateMessage:
-        """Return the estimate as it is sent now: with time to live, time of sending and the status that follows."""
+        """Return the estimate with the present time to live, the time of sending and the resulting status."""
         ttl = math.floor(1e3 * self._remaining()) / 1e3
         sent = round(time.time(), 3)
         if ttl > 0.0:
             return replace(estimate, ttl=ttl, sent=sent)
-        estimate = replace(estimate, ttl=0.0, sent=sent, excited=False)  # without samples nothing can be learned
+        estimate = replace(estimate, ttl=0.0, sent=sent, excited=False)  # without samples there is no excitation
         if self._ended.is_set():  # the last verdict stays
             return replace(estimate, status=ENDED)
         return replace(estimate, status=WAITING, verdict=UNKNOWN)

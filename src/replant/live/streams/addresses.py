@@ -1,4 +1,4 @@
-"""`open_source` finds the source of an address and imports only its module; the parts of an address."""
+"""The parts of a source's address; `open_source` opens the source and imports only its module."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Address:
     """The parts of a source's URL."""
 
     name: str  # the URL without password, for messages
-    scheme: str  # scheme, host, path: after a host, the path is without its first slash
+    scheme: str  # scheme, host, path: after a host, the path has no leading slash
     host: str = ""
     port: int | None = None
     path: str = ""
@@ -33,14 +33,14 @@ class Address:
     options: dict[str, str] = field(default_factory=dict)  # the options ``name=value`` after the question mark
 
     def allow(self, *known: str) -> None:
-        """Check that the source knows every option that is given."""
+        """Check that the source knows all options given."""
         for option in self.options:
             if option not in known:
                 listed = ", ".join(known)
                 raise InvalidArgumentError(f"{self.name}: unknown option {option!r}; known are: {listed}")
 
     def check(self, part: object, what: str) -> None:
-        """Check that a part of the address is there."""
+        """Check that a part of the address is given."""
         if not part:
             raise InvalidArgumentError(f"{self.name}: the {what} is missing; write {SCHEMES[self.scheme][1]}")
 
@@ -58,11 +58,11 @@ class Address:
         return default if found is None else found
 
     def positive(self, option: str) -> float | None:
-        """Return an option as a positive number, None where it is not given."""
+        """Return an option as a positive number; None if it is not given."""
         return self._number(option, float, lambda value: 0.0 < value < math.inf, "a positive number", 1)
 
     def _number(self, option: str, kind: type[N], holds: Callable[[N], bool], what: str, example: int) -> N | None:
-        """Return an option that must be a number for which ``holds`` is true, None where it is not given."""
+        """Return an option that must be a number for which ``holds`` is true; None if it is not given."""
         text = self.options.get(option)
         if text is None:
             return None
@@ -90,7 +90,7 @@ def split(url: str) -> Address:
         parts = urlsplit(url)
     except ValueError as cause:
         raise InvalidArgumentError(f"{url}: not a URL ({cause}); write scheme://host:port") from None
-    name = parts.geturl() if parts.netloc else parts.geturl().replace(":", "://", 1)  # geturl leaves an empty host out
+    name = parts.geturl() if parts.netloc else parts.geturl().replace(":", "://", 1)  # geturl omits an empty host
     if parts.password is not None:
         name = name.replace(f":{parts.password}@", "@", 1)
     try:
@@ -110,7 +110,7 @@ def split(url: str) -> Address:
 
 
 def options_of(name: str, query: str) -> dict[str, str]:
-    """Return the options that a query ``name=value&name=value`` holds; ``name`` is the URL, for the message."""
+    """Return the options in a query ``name=value&name=value``; ``name`` is the URL, for the message."""
     try:
         return dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
     except ValueError:
@@ -119,7 +119,7 @@ def options_of(name: str, query: str) -> dict[str, str]:
         ) from None
 
 
-#: For each scheme of a URL: what opens it, and an example.
+#: For each scheme of a URL: the class or function that opens it, and an example.
 SCHEMES = {
     "tcp": ("serial_and_network.TcpSource", "tcp://127.0.0.1:9000"),
     "udp": ("serial_and_network.UdpSource", "udp://0.0.0.0:9000"),
@@ -130,24 +130,24 @@ _OTHERS = "-, demo, log.csv?speed=10"
 
 
 def open_source(url: str, signals: Signals = UY) -> Source:
-    """Open a stream of live samples, whose lines or columns have the names of ``signals``.
+    """Open a stream of live samples; ``signals`` names the fields of its lines or columns.
 
     =======================================  =========================================================================
     ``tcp://host:port``                      lines of a peer that listens
-    ``udp://0.0.0.0:port``                   datagrams that come to a port of ours
+    ``udp://0.0.0.0:port``                   datagrams received at a port of this computer
     ``serial:///dev/ttyUSB0?baud=115200``    lines of a microcontroller; ``serial://COM3``
     ``mqtt://host:1883/topic``               messages of a topic; ``mqtt://user:password@host/topic?qos=1``
     ``-``                                    lines from standard input
-    ``log.csv?speed=10``                     a recorded log; ``input``, ``output`` (u, y), ``reference``, ``time``,
-                                             ``dt`` name its columns as `read_log` does; as fast as possible without
-                                             ``speed``
+    ``log.csv?speed=10``                     a recorded log; the options ``input``, ``output`` (u, y), ``reference``,
+                                             ``time``, ``dt`` are those of `read_log`; without ``speed`` as fast as
+                                             possible
     ``demo``                                 the simulated actuator in real time; ``demo?speed=max&seed=1``;
                                              ``demo?loop=pi``: under a controller, with its reference
     =======================================  =========================================================================
 
-    Lines are CSV, of two fields ``u,y``, three ``t,u,y`` or four ``n,t,u,y`` (sequence number, time stamp in s, input,
-    output) or as the URL's option says, ``?columns=n,u,y,r`` (r: reference); or they are JSON objects with these names.
-    Several inputs are as many fields in the place of u; signals with other names than u and y may be named by a header.
+    Lines are CSV with two fields ``u,y``, three ``t,u,y`` or four ``n,t,u,y`` (sequence number, time stamp in s, input,
+    output), or with the fields of the URL's option ``?columns=n,u,y,r`` (r: reference); or they are JSON objects with
+    these names.  Several inputs take the place of u; a header may name signals other than u and y.
 
     >>> source = open_source("demo?speed=max")
     >>> batch = next(filter(len, source.batches()))
@@ -163,7 +163,7 @@ def open_source(url: str, signals: Signals = UY) -> Source:
 
 
 def parts_of(url: str) -> tuple[Address, str]:
-    """Return the parts of a URL, and the name of what opens it."""
+    """Return the parts of a URL, and the name of the class or function that opens it."""
     scheme, separator, _ = url.partition("://")
     if separator:
         if scheme.lower() in SCHEMES:
@@ -176,13 +176,13 @@ def parts_of(url: str) -> tuple[Address, str]:
     if not path:
         raise InvalidArgumentError(f"{url!r}: the source is missing; write {SCHEMES['tcp'][1]}, {_OTHERS}")
     opener = {"-": "serial_and_network.PipeSource", "demo": "demo.open_demo"}.get(path, "demo.open_replay")
-    if opener == "demo.open_replay" and not os.path.exists(path):  # noqa: PTH110 - for Path some names are an error
+    if opener == "demo.open_replay" and not os.path.exists(path):  # noqa: PTH110 - Path raises for some names
         raise LogError(f"{path}: no such file; check the path")
     return Address(url, "", path=path, options=options_of(url, query)), opener
 
 
 def _columns_of(address: Address, signals: Signals) -> Columns:
-    """Return the column names of the option ``columns``, None where it is not given."""
+    """Return the column names of the option ``columns``; None if it is not given."""
     text = address.options.get("columns")
     if text is None:
         return None

@@ -1,4 +1,4 @@
-"""Sources without a rig: a recorded log in real time or faster, and the simulated actuator."""
+"""Sources without a rig: a recorded log in real time or faster, and the simulated actuator and motor."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from replant.numerics.arguments import FloatArray
 from replant.rigs import Rig, deap_rig, motor_rig
 from replant.signals import random_steps, white_noise
 
-REPLAYED = 1 << 12  # samples handed over at once at the most [samples]
-LONGEST_PAUSE = 3600.0  # the longest single pause: the system's timers may refuse a longer one [s]
+REPLAYED = 1 << 12  # most samples handed over at once [samples]
+LONGEST_PAUSE = 3600.0  # longest single pause: the system's timers may refuse a longer one [s]
 
 
-#: Gives blocks of a record with their times in s; they may begin behind the number of the last sample, if there is one.
+#: Gives blocks of a record with their times in s; it may skip blocks up to the number of the last sample, if given.
 Blocks = Callable[[int | None], Iterable[tuple[Batch, FloatArray]]]
 
 
 class Played(Source):
-    """A record that is played: its samples come when their time has come, at a speed."""
+    """A record that is played at a multiple of real time."""
 
     waits = True
     capacity = 4 * REPLAYED
@@ -72,7 +72,7 @@ def open_replay(address: Address, columns: Columns, signals: Signals) -> Played:
     table = read_columns(Path(address.path))
     speed, dt = speed_of(address, math.inf), address.positive("dt")
     if dt is not None and "time" in options:
-        raise InvalidArgumentError(f"{address.name}: give one of time and dt")
+        raise InvalidArgumentError(f"{address.name}: give either time or dt")
     named = [table.find(options["time"])] if "time" in options else time_candidates(table.names)
     stamps = named[0] if len(named) == 1 and dt is None else None
     keys = list(signals.names)
@@ -99,7 +99,7 @@ def open_replay(address: Address, columns: Columns, signals: Signals) -> Played:
     record = Batch(u, of["output"], None, np.arange(rows), 0.0, of.get("reference"))
     if stamps is None:
         if dt is None and not math.isinf(speed):
-            raise InvalidArgumentError(f"{address.name}: no column is the time; add &time=COLUMN or &dt=SECONDS")
+            raise InvalidArgumentError(f"{address.name}: no time column found; add &time=COLUMN or &dt=SECONDS")
         elapsed = np.arange(rows, dtype=np.float64) * (dt or 0.0)
         return Played(address.name, speed, lambda last: [(record, elapsed)])
     unit = 1.0 if stamps in table.in_seconds else unit_in_seconds(table.names[stamps])
@@ -117,15 +117,15 @@ def speed_of(address: Address, default: float) -> float:
     return address.positive("speed") or default
 
 
-_LOOP_BLOCK = 1 << 12  # samples simulated at once: what acts on them follows from seed and number [samples]
+_LOOP_BLOCK = 1 << 12  # samples simulated at once; seed and block number determine their random signals [samples]
 PROPORTIONAL = 0.3  # gain of the controller: the loop's poles are at -7 and -43 rad/s [V per rad/s]
 INTEGRAL = 0.6  # integral gain of the controller [V per rad]
 LOWEST, HIGHEST = 30.0, 70.0  # range of the set-point [rad/s]
 SHORTEST, LONGEST = 50, 400  # shortest and longest step of the set-point [samples]
-DITHER = 1.0  # dither of the set-point, up and down: it excites the loop while the set-point stands still [rad/s]
-DITHER_HOLD = 5  # samples that each value of it lasts [samples]
-LOAD = 0.4  # standard deviation of the load, as the voltage that would do the same [V]
-LOAD_TIME = 0.5  # time constant with which the load wanders [s]
+DITHER = 1.0  # amplitude of a binary dither of the set-point, which excites the loop between steps [rad/s]
+DITHER_HOLD = 5  # samples that each value of the dither is held [samples]
+LOAD = 0.4  # standard deviation of the load, as an equivalent voltage [V]
+LOAD_TIME = 0.5  # correlation time of the load [s]
 
 
 def controlled(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, FloatArray, FloatArray]]:
@@ -142,7 +142,7 @@ def controlled(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Floa
 
 
 def _draws(seed: int, *more: int) -> Iterator[tuple[int, int]]:
-    """Yield the number of each block, and the seed of what acts in it."""
+    """Yield the number of each block, and the seed of its random signals."""
     for number in itertools.count():
         yield number, int(np.random.SeedSequence([seed, number, *more]).generate_state(1, np.uint64)[0])
 
@@ -154,13 +154,13 @@ def set_point(samples: int, seed: int) -> FloatArray:
 
 
 def _up_and_down(samples: int, size: float, hold: int, seed: int) -> FloatArray:
-    """Return a signal (K,) of values plus or minus ``size``, each of which lasts ``hold`` samples."""
+    """Return a random binary signal (K,) of values +-``size``, each held for ``hold`` samples."""
     signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], -(-samples // hold))
     return size * np.repeat(signs, hold)[:samples]
 
 
 def _one_block(rig: Rig, r: FloatArray, state: FloatArray, draw: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return voltage and speed (K,) under the reference ``r`` (K,), and the state after it."""
+    """Return voltage and speed (K,) for the reference ``r`` (K,), and the final state."""
     model = state_space.companion(rig.plant.den)
     transition, column, _ = state_space.exact(model.matrix, model.column, rig.dt, "zoh")
     (a, b), (c, d) = transition.tolist()
@@ -182,16 +182,16 @@ def _one_block(rig: Rig, r: FloatArray, state: FloatArray, draw: int) -> tuple[F
     return np.array(voltages), np.array(speeds), np.array([first, second, load, integral])
 
 
-BLOCK = 1 << 16  # samples simulated at once: input and noise follow from seed and number [samples]
-LONGEST_STEP = 4000  # longest step of the voltage: the slow mode is seen within seconds [samples]
-FLUTTER = 0.2  # of the voltage, up and down: the input never rests, and meets the resonance at 12 Hz [kV]
-FLUTTER_HOLD = 20  # samples that each value of it lasts [samples]
+BLOCK = 1 << 16  # samples simulated at once; input and noise depend on the seed and the block's number [samples]
+LONGEST_STEP = 4000  # longest step of the voltage: the slow mode shows within seconds [samples]
+FLUTTER = 0.2  # amplitude of a binary dither of the voltage, which also excites the resonance at 12 Hz [kV]
+FLUTTER_HOLD = 20  # samples that each value of the dither is held [samples]
 #: The values of the option loop: the actuator, driven from outside, or the motor under a controller.
 LOOPS = "none", "pi"
 
 
 def open_demo(address: Address, columns: Columns, signals: Signals) -> Played:
-    """Return the rig of `deap_rig`, driven by `demo_voltage`: 1 kHz, numbered; equal seeds give equal samples."""
+    """Return `deap_rig` driven by `demo_voltage`, or with ``loop=pi`` the controlled motor; seeded."""
     speed = speed_of(address, 1.0)
     address.allow("speed", "seed", "loop")
     looped = address.one_of("loop", LOOPS, "none") == "pi"
@@ -221,6 +221,6 @@ def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Float
 
 
 def demo_voltage(samples: int, seed: int) -> FloatArray:
-    """Return an input (K,) between 2 and 5.5 kV: steps of 10 ms to 4 s with a random flutter added."""
+    """Return an input (K,) between 2 and 5.5 kV: steps of 10 ms to 4 s with a random binary dither added."""
     steps = random_steps(samples, shortest=10, longest=LONGEST_STEP, low=2.0 + FLUTTER, high=5.5 - FLUTTER, seed=seed)
     return steps + _up_and_down(samples, FLUTTER, FLUTTER_HOLD, seed)

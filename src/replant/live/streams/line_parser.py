@@ -1,4 +1,4 @@
-"""Parse lines and payloads of live samples: CSV, JSON, or packed; a fault is counted by its reason, see `Malformed`."""
+"""Parse lines and payloads of live samples: CSV, JSON, or packed; faults are counted by reason, see `Malformed`."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from replant.numerics.arguments import FloatArray
 Row = tuple[float, ...]
 
 
-class Malformed(Exception):  # noqa: N818 - not an error of the program: a reason to count
-    """A line or message that holds no sample; its text is the reason."""
+class Malformed(Exception):  # noqa: N818 - not an error of the program, but a reason that is counted
+    """A line or message without a valid sample; the text is the reason."""
 
 
 def from_cells(line: str) -> Row:
@@ -40,7 +40,7 @@ def check_width(row: Row, width: int) -> None:
 
 
 def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
-    """Parse lines of CSV as a whole, in C; return None if a line has anything but ``width`` numbers."""
+    """Parse lines of CSV together, in C; return None if a line is not ``width`` numbers."""
     try:
         table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
     except ValueError:
@@ -49,9 +49,9 @@ def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
 
 
 def table_from_json(lines: Sequence[str], columns: Sequence[str]) -> FloatArray | None:
-    """Parse lines of JSON, a sample each, as a whole; return None if a line is anything but an object of numbers."""
+    """Parse lines of JSON together, one sample each; return None if a line is not an object of numbers."""
     try:
-        # at once it takes half of the time; the null between keeps two lines from forming one object
+        # parsing them together takes half the time; the nulls between keep two lines from forming one object
         values = json.loads(f"[{',null,'.join(lines)}]")
         if len(values) != 2 * len(lines) - 1 or any(between is not None for between in values[1::2]):
             return None
@@ -72,7 +72,7 @@ def columns_of(value: Any, signals: Signals) -> Columns:
 
 
 def header_of(line: str, signals: Signals) -> Columns:
-    """Return the columns that a header of CSV names, the time's as t; None where it lacks a signal."""
+    """Return the columns in a header of CSV, the time column as t; None if a signal is missing."""
     cells = [cell.strip().strip('"') for cell in line.split(",")]
     if not set(signals.names) <= set(cells) or len(set(cells)) < len(cells):
         return None
@@ -83,7 +83,7 @@ def header_of(line: str, signals: Signals) -> Columns:
 
 
 def from_json(value: Any, columns: Sequence[str], one: str) -> list[Row]:
-    """Return the samples in JSON objects, ``{"n": 7, "u": 1.0, "y": 0.2}``; of arrays n may be that of the first."""
+    """Return the samples in JSON objects, ``{"n": 7, "u": 1.0, "y": 0.2}``; with arrays, n may be the first number."""
     rows: list[Row] = []
     for item in value if isinstance(value, list) else [value]:
         if not isinstance(item, dict):
@@ -119,7 +119,7 @@ def _number(name: str, value: Any) -> float:
     raise Malformed("not a number")
 
 
-LONGEST = 1 << 16  # the longest line; a longer one is skipped [bytes]
+LONGEST = 1 << 16  # longest line; a longer one is skipped [bytes]
 
 
 class LineSplitter:
@@ -129,8 +129,8 @@ class LineSplitter:
         self._counters = counters
         self._longest = longest
         self._tail = b""
-        self._skipping = False  # bytes are skipped until the next line begins
-        self._midway = False  # the line being skipped has not been counted yet
+        self._skipping = False  # whether bytes are skipped until the next line begins
+        self._midway = False  # whether the skipped line has not been counted yet
 
     def split(self, data: bytes) -> bytes:
         """Return the lines that ``data`` completes, each with its line end."""
@@ -160,7 +160,7 @@ class LineSplitter:
         return b"".join(kept)
 
     def rest(self) -> bytes:
-        """Return the last line, which ended with the stream."""
+        """Return the last line, which the end of the stream completes."""
         tail, self._tail = self._tail, b""
         return tail + b"\n" if tail.strip() else b""
 
@@ -176,8 +176,8 @@ class LineSplitter:
         self._skipping = self._midway = True
 
 
-FEW = 10  # lines up to which a block is parsed line by line: parsing it as a whole costs as much as ten lines [lines]
-LARGEST_NUMBER = 2.0**53  # largest whole number up to which float64 represents every one exactly [number]
+FEW = 10  # most lines that are parsed one by one: parsing a block together costs as much as ten lines [lines]
+LARGEST_NUMBER = 2.0**53  # bound up to which float64 represents all whole numbers exactly [number]
 #: The reason under which a row with an invalid number or time stamp is counted.
 REASONS = {NUMBER: "not a sequence number", TIME: "time not finite"}
 
@@ -185,8 +185,8 @@ REASONS = {NUMBER: "not a sequence number", TIME: "time not finite"}
 class Parser:
     """Parses the lines of one stream: CSV, with or without a header, or JSON; blank lines and comments are skipped.
 
-    Columns that are not given follow from two lines of CSV of equal width, as the first one may have been cut, from the
-    first JSON object, or, where the signals have names of their own, from a header.
+    If the columns are not given, they come from two lines of CSV of equal width (the first line may have been cut),
+    from the first JSON object, or, if the signals are not called u and y, from a header.
     """
 
     def __init__(self, counters: Counter[str], columns: Columns = None, signals: Signals = UY) -> None:
@@ -195,14 +195,14 @@ class Parser:
         self._waiting: Row | None = None  # the first line of CSV, until a second line confirms its width
 
     def parse(self, block: bytes, arrived: float) -> Batch | None:
-        """Return the samples in a block of whole lines, None if there are none."""
+        """Return the samples in a block of whole lines; None if there are none."""
         return self.batch(self.tables(block), arrived)
 
     def tables(self, block: bytes) -> list[FloatArray]:
         """Return the rows in a block of whole lines as tables (K, C), whose columns are `columns`."""
         lines = block.decode("ascii", "replace").replace("\r\n", "\n").split("\n")
         if not lines[-1]:
-            lines.pop()  # the empty rest behind the last line end
+            lines.pop()  # empty: the block ended with a line end
         return self._tables(lines)
 
     def finish(self, arrived: float) -> Batch | None:
@@ -241,14 +241,14 @@ class Parser:
         self._counters[reason] += samples
 
     def set_columns(self, columns: tuple[str, ...]) -> None:
-        """Set the columns; a first line of CSV that still waits has others, and is counted as refused."""
+        """Set the columns; a waiting first line of CSV has other columns, and is counted as refused."""
         self.columns = columns
         if self._waiting is not None:
             self.count("fields missing")
             self._waiting = None
 
     def _tables(self, lines: list[str]) -> list[FloatArray]:
-        """Return the rows of lines; a block with a faulty line is halved until few lines are left to parse singly."""
+        """Return the rows of lines; a block with a faulty line is halved until few lines remain to parse singly."""
         if self.columns is None or len(lines) <= FEW:
             return self._each(lines)
         if lines[0].startswith("{"):
@@ -262,7 +262,7 @@ class Parser:
         return self._tables(lines[:middle]) + self._tables(lines[middle:])
 
     def _each(self, lines: list[str]) -> list[FloatArray]:
-        """Return the rows of lines, each parsed by itself; one that is refused is counted."""
+        """Return the rows of lines, parsed one by one; refused lines are counted."""
         rows: list[Row] = []
         for line in filter(is_data, lines):
             try:
@@ -287,7 +287,7 @@ class Parser:
         first, self._waiting = self._waiting, row
         if first is None:
             return []
-        check_width(first, len(row))  # a first line of another width was cut
+        check_width(first, len(row))  # if the widths differ, the first line was cut
         self.columns, self._waiting = by_width[len(row)], None
         return [first, row]
 
@@ -309,14 +309,14 @@ HEADER = 8  # bytes before the numbers of a packed payload [bytes]
 
 
 class Payloads:
-    """Parses payloads: lines, or `MAGIC`, the columns' letters, padded to four, and rows of little-endian float64."""
+    """Parses payloads: lines; or `MAGIC`, the columns' letters padded to four, and rows of little-endian float64."""
 
     def __init__(self, parser: Parser, *, bare: bool = False) -> None:
         self._parser = parser
         self._bare = bare
 
     def parse(self, payloads: Sequence[bytes], arrived: float) -> Batch | None:
-        """Return the samples in payloads, None if there are none."""
+        """Return the samples in payloads; None if there are none."""
         if not self._bare and not any(payload.startswith(MAGIC) for payload in payloads):
             return self._parser.parse(b"\n".join(payloads), arrived)
         tables: list[FloatArray] = []

@@ -1,4 +1,4 @@
-"""The thread that reads samples, the bounded queue to the session that learns them, and its stop."""
+"""The thread that reads samples, the bounded queue from it to the session, and the request to stop it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from replant.numerics.operating_system import Worker
 
 
 class StopRequest:
-    """A request to stop, made once and never withdrawn.  Within a ``with`` block it also wakes the waiting thread."""
+    """A request to stop, which is never withdrawn; within a ``with`` block it also wakes the waiting thread."""
 
     def __init__(self) -> None:
         self.requested = False
@@ -58,13 +58,13 @@ class StopRequest:
         return bool(readable) and not self.requested
 
 
-CAPACITY = 1 << 17  # samples that wait at the most: 0.6 s at 200,000 samples/s, 4 MB [samples]
-LARGEST_BATCH = 1 << 14  # samples handed over at once at the most [samples]
+CAPACITY = 1 << 17  # capacity of the queue: 0.6 s at 200,000 samples/s, 4 MB [samples]
+LARGEST_BATCH = 1 << 14  # most samples handed over at once [samples]
 EMPTY = np.empty(0)
 
 
 class Inbox:
-    """A ring buffer of samples.  Its memory never grows; samples that arrived one by one are returned together."""
+    """A ring buffer of samples, of constant size; samples that arrived one by one are returned together."""
 
     def __init__(self, capacity: int = CAPACITY, *, drop: bool) -> None:
         self._capacity = capacity
@@ -78,7 +78,7 @@ class Inbox:
         self.ended = False  # no sample follows; those in the buffer can still be read
 
     def put(self, batch: Batch) -> int:
-        """Append samples; return how many samples were dropped.  All batches have the fields of the first one."""
+        """Append samples; return the number of dropped samples.  All batches must have the same fields."""
         samples, done, dropped = len(batch), 0, 0
         if not samples:
             return 0
@@ -144,22 +144,22 @@ class Inbox:
         self._head = (self._head + count) % self._capacity if self._size else 0
 
 
-TICK = 0.1  # time without samples after which an empty batch comes [s]
-CLOSE_TIMEOUT = 1.0  # time that a closed source may still take to let go of what it reads from [s]
-BACKOFF = 0.1, 5.0  # first and longest pause before connecting again [s]
+TICK = 0.1  # time without samples after which an empty batch is returned [s]
+CLOSE_TIMEOUT = 1.0  # timeout for a closed source to release its connection or file [s]
+BACKOFF = 0.1, 5.0  # first and longest pause before reconnecting [s]
 
 
 class Source(ABC):
-    """A stream of live samples, which is read by its own thread."""
+    """A stream of live samples, read by its own thread."""
 
-    waits = False  # whether nothing is read while the queue is full; else the oldest samples are dropped
-    replays = True  # whether samples may be sent again, under their numbers
+    waits = False  # whether reading waits while the queue is full; else the oldest samples are dropped
+    replays = True  # whether samples may be sent again, with the same numbers
     capacity = CAPACITY
 
     def __init__(self, name: str) -> None:
         self.name = name  # the URL without password, for messages
         self.trouble = ""  # why the source is not connected, for messages; empty while it is
-        self.state = "connecting"  # or "connected", "waiting" (before connecting again), "ended"
+        self.state = "connecting"  # or "connected", "waiting" (before reconnecting), "ended"
         self._counts: Counter[str] = Counter()
         self._numbering = Numbering(self._counts, replays=self.replays)
         self._inbox = Inbox(self.capacity, drop=not self.waits)
@@ -192,7 +192,7 @@ class Source(ABC):
                 self.state = "ended"
 
     def seek(self, sequence: int) -> None:
-        """Continue after this number, before `batches`: a TCP peer is asked to, a log skips rows, others just go on."""
+        """Continue after this number; call it before `batches`.  A TCP peer is requested to, a log skips rows."""
         self._numbering.last = sequence
 
     def close(self) -> None:
@@ -201,7 +201,7 @@ class Source(ABC):
 
     @property
     def counters(self) -> dict[str, int]:
-        """How often each fault has occurred; faults that never occurred are not listed."""
+        """Number of occurrences of each fault, without zeros."""
         return {reason: count for reason, count in dict(self._counts).items() if count}
 
     def _run(self) -> None:
@@ -209,7 +209,7 @@ class Source(ABC):
         try:
             self._read()
         except BaseException as error:
-            failure = error  # `Inbox.get` raises it in the session's thread; here nobody would see it
+            failure = error  # `Inbox.get` raises it in the session's thread
         self._inbox.end(failure)
 
     def _deliver(self, batch: Batch | None) -> None:

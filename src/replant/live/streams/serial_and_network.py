@@ -22,18 +22,18 @@ from replant.live.streams.source import UY, Columns, Signals
 from replant.logs.table import needed
 from replant.numerics.operating_system import reason_of
 
-BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
+BLOCK = 1 << 18  # most bytes read at once [bytes]
 
 
 class Wire(Source):
-    """A connection whose lines or payloads are parsed, opened again when it is lost."""
+    """A connection whose lines or payloads are parsed; a lost connection is opened again."""
 
-    options: tuple[str, ...] = ("columns",)  # those of its address
+    options: tuple[str, ...] = ("columns",)  # options that its address may have
 
     def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
         super().__init__(address.name)
         address.allow(*self.options)
-        self._unread: Any = None  # what is open already, and closed by the reading once that has begun
+        self._unread: Any = None  # an open port or socket from which reading has not begun; reading closes it
         self._parser = Parser(self._counts, columns, signals)
         self._lines = LineSplitter(self._counts)
 
@@ -45,7 +45,7 @@ class Wire(Source):
 
     @abstractmethod
     def _session(self) -> str | None:
-        """Connect, and deliver samples until the connection ends; return why, None at the end of the stream."""
+        """Connect, and deliver samples until the connection ends; return the reason, None at the end of the stream."""
 
     def _read(self) -> None:
         while not self._stop.requested:
@@ -56,8 +56,8 @@ class Wire(Source):
         self._deliver(self._parser.finish(time.monotonic()))
 
     def _deliver_stream(self, file: socket.socket | int, read: Callable[[int], bytes]) -> None:
-        """Deliver the lines that ``read`` gives of a file or a connection until it ends or a stop is requested."""
-        # on POSIX select() waits for files, too, on Windows for sockets only
+        """Deliver lines from a file or a connection with ``read`` until it ends or a stop is requested."""
+        # select() waits for files on POSIX, but only for sockets on Windows
         waits = os.name == "posix" or isinstance(file, socket.socket)
         while not self._stop.requested:
             if not waits or self._stop.wait_readable(file, 60.0):
@@ -70,14 +70,14 @@ class Wire(Source):
         self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
 
     def _pause(self, trouble: str) -> None:
-        """Pause before the next attempt to connect; each pause is twice as long as the one before."""
+        """Pause before the next attempt to connect; each pause is twice the previous one."""
         self.state, self.trouble = "waiting" if self._again else "connecting", trouble
         self._stop.wait(self._backoff)
         self._backoff = min(2.0 * self._backoff, BACKOFF[1])
 
 
 class PipeSource(Wire):
-    """Lines from an open file, by default standard input; while the queue is full nothing is read: the writer waits."""
+    """Lines from an open file, by default standard input; while the queue is full, the writer waits."""
 
     waits = True
 
@@ -98,8 +98,8 @@ class PipeSource(Wire):
 
 
 BAUD = 115_200  # usual rate of a serial line [bit/s]
-WAIT = 0.1  # the longest wait of one read; a closed source ends within this time [s]
-#: The errors that a lost port raises: pyserial passes on some of the system's own.
+WAIT = 0.1  # timeout of a read; a closed source ends within this time [s]
+#: The errors that a lost port raises; pyserial does not convert all errors of the system.
 PORT_ERRORS: tuple[type[Exception], ...] = (OSError, TypeError, ValueError)
 with contextlib.suppress(ImportError):  # Windows has no such module
     from termios import error as termios_error
@@ -111,7 +111,8 @@ class SerialSource(Wire):
     """Lines from a serial port, ``serial:///dev/ttyUSB0?baud=115200`` or ``serial://COM3``.
 
     The port is opened in the middle of a line, whose rest is counted as "cut off".  A full queue drops its oldest
-    samples.  A board sends nothing again, and many restart when the port is opened: numbers tell only what was lost.
+    samples.  A board does not send samples again, and many boards restart when the port is opened: sequence numbers
+    only show losses.
     """
 
     replays = False
@@ -119,7 +120,7 @@ class SerialSource(Wire):
 
     def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
         super().__init__(address, columns, signals)
-        port = address.path or address.host.upper()  # a host is COM3
+        port = address.path or address.host.upper()  # the host of serial://COM3 is the port
         address.check(port, "port")
         self._port_and_baud = port, address.whole("baud", BAUD, least=1)
         try:
@@ -154,29 +155,29 @@ class SerialSource(Wire):
 
 
 def port_reason(error: Exception) -> str:
-    """Return the system's words for an error, without the port's name and the number that pyserial adds."""
+    """Return the system's text for an error, without the port's name and the number that pyserial adds."""
     number = getattr(error, "errno", None)
     return os.strerror(number) if isinstance(number, int) else str(error)
 
 
 def remedy(port: str) -> str:
-    """Return what to do about a port that does not open, and the ports that exist."""
+    """Return the remedy for a port that does not open, with the existing ports."""
     from serial.tools.list_ports import comports
 
     ports = ", ".join(sorted(found.device for found in comports())) or "none"
     return f"ports found: {ports}; on Linux your user must be in the group dialout (asked for: {port})"
 
 
-CONNECT_TIMEOUT = 5.0  # time that the peer may take to accept [s]
-#: A peer that was switched off is noticed after 5 + 3 * 2 s.
+CONNECT_TIMEOUT = 5.0  # timeout of connecting [s]
+#: A peer that was switched off is detected after 5 + 3 * 2 s.
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 
 
 class TcpSource(Wire):
     """Lines of a TCP peer, ``tcp://host:port``, which waits while the queue is full: no sample is lost.
 
-    When a connection begins and a sequence number N is known, the source sends the line ``after N``: a peer that keeps
-    its samples continues with N + 1, and what it sends again is dropped by its number.
+    If a sequence number N is known when a connection begins, the source sends the line ``after N``: a peer that keeps
+    its samples continues with N + 1.  Repeated samples are dropped by their numbers.
     """
 
     waits = True
@@ -201,7 +202,7 @@ class TcpSource(Wire):
 
 
 def enable_keepalive(peer: socket.socket) -> None:
-    """Have the system detect a peer that has vanished; options that the system lacks are left out."""
+    """Make the system detect a vanished peer; options that the system lacks are left out."""
     peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in KEEPALIVE.items():
         option = getattr(socket, name, None)
@@ -209,9 +210,9 @@ def enable_keepalive(peer: socket.socket) -> None:
             peer.setsockopt(socket.IPPROTO_TCP, option, value)
 
 
-BUFFER = 1 << 23  # receive buffer that is requested from the system; the system may grant less [bytes]
-UDP_TOGETHER = 512  # largest number of datagrams parsed together [count]
-LARGEST_DATAGRAM = 1 << 16  # room for one datagram, more than UDP allows [bytes]
+BUFFER = 1 << 23  # requested size of the receive buffer; the system may grant less [bytes]
+UDP_TOGETHER = 512  # most datagrams parsed together [count]
+LARGEST_DATAGRAM = 1 << 16  # space for a datagram, more than UDP allows [bytes]
 
 
 class UdpSource(Wire):
@@ -246,7 +247,7 @@ class UdpSource(Wire):
                 datagrams.append(self._socket.recv(LARGEST_DATAGRAM))
         except BlockingIOError:
             pass
-        except OSError as error:  # the network reports a fault of earlier datagrams; reading continues
+        except OSError as error:  # the error concerns earlier datagrams; continue reading
             self.trouble = reason_of(error)
         return datagrams
 
@@ -272,10 +273,10 @@ def listen(address: Address) -> socket.socket:
 
 
 PAHO = "paho.mqtt.client", "MQTT needs paho-mqtt", "'replant[live]'"  # module, what needs it, and what to install
-MQTT_PORT = 1883  # port of a broker, as registered [number]
-MQTT_KEEPALIVE = 15  # MQTT's keep-alive interval: the broker hears from the client at least that often [s]
-LONGEST_MESSAGE = 1 << 20  # the longest message; a longer one is skipped and counted [bytes]
-MQTT_TOGETHER = 256  # largest number of messages parsed together [count]
+MQTT_PORT = 1883  # registered port of MQTT [number]
+MQTT_KEEPALIVE = 15  # keep-alive interval of MQTT [s]
+LONGEST_MESSAGE = 1 << 20  # longest message; a longer one is skipped and counted [bytes]
+MQTT_TOGETHER = 256  # most messages parsed together [count]
 
 
 class MqttSource(Wire):
@@ -318,7 +319,7 @@ class MqttSource(Wire):
             return reason_of(error)
         finally:
             if self._stop.requested:
-                client.unsubscribe(self._address.path)  # else the broker would keep further messages for this client
+                client.unsubscribe(self._address.path)  # otherwise the broker may queue messages for this client
             client.disconnect()
         return self.trouble or "the broker closed the connection"
 

@@ -1,4 +1,4 @@
-"""What a source gives: signals, batches of samples, and the sequence numbers that tell lost samples."""
+"""Names of signals, batches of samples, and the sequence numbers that reveal lost samples."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from replant.errors import InvalidArgumentError, shown
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 
-#: The columns of lines in their order; None: they follow from the lines.
+#: The columns of lines in order; None: to be determined from the lines.
 Columns = tuple[str, ...] | None
 
-#: The fields of a sample beside its signals: sequence number, time stamp in s, reference.
+#: The fields of a sample besides its signals: sequence number, time stamp in s, reference.
 NUMBER, TIME, REFERENCE = "n", "t", "r"
 
 
 @dataclass(frozen=True)
 class Signals:
-    """The names that lines and columns give to inputs and output."""
+    """The names of inputs and output in lines and columns."""
 
     inputs: tuple[str, ...] = ("u",)
     output: str = "y"
@@ -38,22 +38,22 @@ class Signals:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those of the inputs, then that of the output."""
+        """Names of the inputs, then of the output."""
         return *self.inputs, self.output
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """All that a line may hold, in the usual order."""
+        """All fields that a line may have, in the usual order."""
         return NUMBER, TIME, *self.names, REFERENCE
 
     @property
     def by_width(self) -> dict[int, tuple[str, ...]]:
-        """The columns of lines of so many cells, where neither the URL nor a header names them."""
+        """The columns by the number of cells in a line, if neither the URL nor a header names them."""
         ways = (self.names, (TIME, *self.names), (NUMBER, TIME, *self.names))
         return {len(columns): columns for columns in ways}
 
     def are_in(self, columns: Collection[str]) -> bool:
-        """Return whether columns hold each signal, each name once, and nothing that is unknown."""
+        """Return whether columns hold each signal, each name once, and no unknown name."""
         return set(self.names) <= set(columns) <= set(self.fields) and len(set(columns)) == len(columns)
 
 
@@ -61,7 +61,7 @@ UY = Signals()
 
 
 def together(columns: Sequence[FloatArray]) -> FloatArray:
-    """Return the inputs of a batch: that of one input as it is, those of several as (K, q)."""
+    """Return the inputs of a batch: one input as (K,), several as (K, q)."""
     return columns[0] if len(columns) == 1 else np.column_stack(columns)
 
 
@@ -69,23 +69,22 @@ def together(columns: Sequence[FloatArray]) -> FloatArray:
 class Batch:
     """Samples that arrived together; empty while the source is idle."""
 
-    # u, y: (K,): input and output in the device's units; NaN where the device sent none; several inputs: u is (K, q)
+    # u, y: (K,): input and output in the device's units; NaN if the device sent none; several inputs: u is (K, q)
     u: FloatArray
     y: FloatArray
-    # (K,): the device's time stamps in s.  None: the device sends no stamps; the clock is regular, and each sample is
-    # one sampling time after the one before
+    # (K,): the device's time stamps in s.  None: the device sends no stamps, and the samples are dt apart
     t: FloatArray | None = None
     # (K,): the device's sequence numbers, strictly increasing; a gap means lost samples
     sequence: IntArray | None = None
     arrived: float = 0.0  # `time.monotonic()` when the newest sample arrived
-    r: FloatArray | None = None  # (K,): the reference; NaN where the device sent none.  None: there is no reference
+    r: FloatArray | None = None  # (K,): the reference; NaN if the device sent none.  None: there is no reference
 
     def __len__(self) -> int:
         return len(self.y)
 
     @property
     def signals(self) -> dict[str, NDArray[Any]]:
-        """The fields that the batch has, but for the time of its arrival."""
+        """The fields of the batch, without its time of arrival."""
         return {name: each for name, each in vars(self).items() if isinstance(each, np.ndarray)}
 
     def select(self, rows: slice | BoolArray | IntArray) -> Batch:
@@ -94,31 +93,31 @@ class Batch:
         return replace(self, **chosen)
 
     def followed_by(self, other: Batch) -> Batch:
-        """Return the samples of this batch and then those of ``other``, which has the same fields."""
+        """Return this batch joined with ``other``, which has the same fields."""
         both: dict[str, Any] = {
             name: np.concatenate([here, getattr(other, name)]) for name, here in self.signals.items()
         }
         return replace(other, **both)
 
 
-# a misread number that is less ahead costs the samples up to it, as duplicates: twice as many would be more than
-# learning may stand still for; half as many, and losses in bursts leap more often, which costs no sample
-LEAP = 50  # numbers ahead of the last one that leap, and within which the next one confirms it [samples]
+# after a misread number that is less ahead, the samples up to it are lost as duplicates: at twice the value learning
+# would pause for too long; at half the value bursts of losses are leaps more often, which loses no sample
+LEAP = 50  # step ahead beyond which a number is a leap, and within which the next number confirms it [samples]
 
-# the rule of RFC 3550, appendix A.1, with more room for packets that overtake
-MISORDER = 1000  # numbers back from which on two in a row are a device that started anew, not a repeat [samples]
+# the rule of RFC 3550, appendix A.1, with more tolerance for packets out of order
+MISORDER = 1000  # step back beyond which two numbers in a row mean a restarted device, not a repeat [samples]
 
 WRAPS = 1 << 16, 1 << 32  # values at which the counters of devices wrap [count]
-LEAPS_KEPT = 8  # number of remembered leaps, from which the numbers may return [count]
+LEAPS_KEPT = 8  # most leaps that are remembered, as the numbers may return into them [count]
 
 
 class Numbering:
     """Screens the samples of one stream by their sequence numbers.
 
-    A number at most `LEAP` ahead of the last one continues the sequence.  One that leaps further is held back with its
-    sample: a successor confirms it, and the numbers between are lost; any other one shows that it was misread.  A
-    number far back is confirmed by its successor, too, as a reset, if the sender never sends anything again.  Else only
-    numbers never used are accepted: after a counter wrapped at 2^16 or 2^32, or between the ends of a leap.
+    A number at most `LEAP` ahead of the last one continues the sequence.  A sample whose number leaps further is held
+    back: a successor confirms it, and the numbers between are lost; any other number shows that it was misread.  If the
+    sender does not repeat samples, a number far back is confirmed by its successor, too, as a reset.  Otherwise only
+    unused numbers are accepted: after a counter wrapped at 2^16 or 2^32, or within a leap.
     """
 
     def __init__(self, counters: Counter[str], *, replays: bool) -> None:
@@ -128,16 +127,16 @@ class Numbering:
         self._candidate: int | None = None  # a number that did not continue; its successor would confirm it
         self._held: Batch | None = None  # the sample of a candidate that leapt ahead
         self._unused: list[tuple[int, int]] = []  # leaps of this connection: last number before, first number after
-        self._heard = False  # whether a number has come over this connection
+        self._heard = False  # whether a number has arrived over this connection
         self._alone = False  # whether the last number is the first one and not confirmed yet
 
     def connect(self) -> None:
-        """Record that a connection begins, over which samples may be sent again."""
+        """Record the start of a connection, over which samples may be sent again."""
         self._unused, self._heard = [], False
         self._candidate = self._held = None
 
     def screen(self, batch: Batch) -> Batch:
-        """Return the samples of ``batch`` whose numbers continue, preceded by a held sample that they confirm."""
+        """Return the samples of ``batch`` whose numbers continue, after the held sample if they confirm it."""
         numbers = batch.sequence
         if numbers is None or not numbers.size:
             return batch
@@ -181,7 +180,7 @@ class Numbering:
     def _confirms(self, candidate: int, number: int) -> bool:
         """Return whether ``number`` confirms the candidate; if so, the candidate becomes the last number."""
         last = self.last or 0
-        # a confirming number follows soon, or by about the distance of the leap: some devices count in steps
+        # a confirming number follows within `LEAP`, or within twice the leap, as some devices count in steps
         if not 0 < number - candidate <= max(LEAP, 2 * (candidate - last)):
             return False
         left = next((leap for leap in self._unused if leap[0] < candidate < leap[1]), None)
@@ -189,7 +188,7 @@ class Numbering:
             self._unused = [*self._unused, (last, candidate)][-LEAPS_KEPT:]
             self._counters["number leap"] -= 1
             self._advance(last, candidate, 1)
-        elif left is not None:  # the numbers return into a leap: its end was misread more than once
+        elif left is not None:  # the numbers return into a leap: its end had been misread repeatedly
             self._unused.remove(left)
             self._counters["restarts"] += 1
             self._counters["lost"] -= left[1] - left[0] - 1
