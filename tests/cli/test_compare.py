@@ -244,7 +244,7 @@ def test_the_claim_names_the_best_trusted_model_beside_a_better_fit(contenders: 
     both = [known, Contender("other", other)]
     said = claim(both).replace("\u00a0", " ")
     assert "the model of other has the best fit: 99.9 %" in said
-    assert "It is not trusted; of the models that are, that of default is best" in said
+    assert "It is not trusted; the best trusted model is that of default" in said
     assert "No model is trusted" in claim([Contender("other", other)])
     assert "trusted" not in claim([known])
 

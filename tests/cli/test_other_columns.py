@@ -1,6 +1,7 @@
 """What the commands say of the other columns of a file."""
 
 import json
+import re
 import shlex
 from pathlib import Path
 
@@ -49,7 +50,7 @@ def test_the_report_and_the_saved_model_name_it_too(capsys, heated: Path, tmp_pa
 
 def test_look_names_it_before_anything_is_fitted(capsys, heated: Path) -> None:
     _, out, _ = call(capsys, "look", heated, "-i", "heater")
-    assert f"of what a model of one pole leaves, {SAID}" in " ".join(out.split())
+    assert re.search(rf"{SAID} \S+ % of the residual of a model with one pole", " ".join(out.split()))
     _, out, _ = call(capsys, "look", heated, "-i", "heater", "--json")
     (other,) = json.loads(out)["others"]
     assert (other["column"], other["explains"] > 0.8) == ("pump", True)

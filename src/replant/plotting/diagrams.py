@@ -1,4 +1,4 @@
-"""The diagrams of models and residuals, of one or of several in common axes: arrays in, axes out."""
+"""The diagrams of models and residuals, one or several in common axes: arrays in, axes out."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Regions = Sequence[tuple[complex, FloatArray]]  # roots, each with the covarianc
 # 95 %: the square root of the quantile of chi squared with two degrees of freedom
 RADIUS_95 = 2.448  # radius of the 95 % ellipse of two normal variables [standard deviations]
 REACH_95 = 1.96  # half-width of the 95 % interval of a normal variable [standard deviations]
-UNSTABLE = 1e12  # how far the right half-plane is shaded: as far as anybody may look [rad/s]
-WIDE = 0.2  # correlation that can be seen on an axis that reaches to 1 [number]
-ABOVE_LEGEND = 20.0  # distance of a title from a narrow axis, the legend between: side by side they touch [points]
-FEW = 60  # lags that can be told apart as stems [count]
+UNSTABLE = 1e12  # width of the shaded right half-plane: beyond any range of an axis [rad/s]
+WIDE = 0.2  # smallest correlation that is visible on an axis that reaches to 1 [number]
+ABOVE_LEGEND = 20.0  # distance of a title from a narrow axis, with the legend between: side by side they touch [points]
+FEW = 60  # most lags that are drawn as stems; more would merge [count]
 
 
 def true_curve(x: FloatArray, values: FloatArray) -> Curve:
@@ -40,7 +40,7 @@ def draw_response(
     ax: Any = None,
     truth: FloatArray | None = None,
 ) -> Any:
-    """Draw an output over time in s with a band of +-2 standard deviations, beside the true one; return the axes."""
+    """Draw an output over time in s with a band of +-2 standard deviations, and the true one; return the axes."""
     (axis,) = style.axes_for("ax", ax, 1, (6.2, 3.4))
     curves = [Curve(time, output, "model", std=std, band="± 2σ", width=1.8)]
     if truth is not None:
@@ -66,8 +66,8 @@ def draw_bode(
 ) -> Any:
     """Draw magnitude in dB and phase in degrees over frequency in rad/s, with bands of +-2 standard deviations.
 
-    ``responses``, by the name of the model, have frequency, magnitude and phase, relative_std and phase_std as
-    `replant.fitting.responses.Bode`.  That of the ``reference`` sets the limits.
+    ``responses``, by the name of the model, have frequency, magnitude, phase, relative_std and phase_std as
+    `replant.fitting.responses.Bode`.  The response of the ``reference`` sets the limits.
     """
     top, bottom = style.axes_for(argument, axes, 2, size, sharex=True, height_ratios=(3, 2))
     for axis, draw in ((top, draw_magnitude), (bottom, draw_phase)):
@@ -101,14 +101,14 @@ def draw_phase(axis: Any, responses: Mapping[str, Any], *, reference: str = "", 
 
 @dataclass(frozen=True)
 class _Quantity:
-    """What is drawn of a frequency response."""
+    """Magnitude or phase of a frequency response, as it is drawn."""
 
     label: str
     values: Callable[[Any], FloatArray]
     std: str  # the name of its standard deviation, in nepers or radians
-    unit: float  # of a neper, or of a radian
-    widest: float  # half-width at which a band is cut: beyond it nothing is known anyway
-    around: float  # how far the axes reach beyond the reference at the most
+    unit: float  # factor from nepers or radians to the drawn unit
+    widest: float  # half-width at which a band is cut: the value is then unknown
+    around: float  # largest reach of the axes beyond the reference
 
 
 _DECIBELS = 20.0 / math.log(10.0)
@@ -121,14 +121,14 @@ _PHASE = _Quantity("phase [°]", lambda found: np.degrees(found.phase), "phase_s
 def _draw_over_frequency(
     axis: Any, responses: Mapping[str, Any], reference: str, truth: Any, what: _Quantity
 ) -> tuple[float, float] | None:
-    """Draw curves over frequency with their bands, and return the range to be shown; None where none is finite."""
+    """Draw curves over frequency with their bands, and return the range to show; None if no curve is finite."""
     axis.set_xscale("log")
     width, band = (1.8, "± 2σ") if len(responses) == 1 else (1.4, "")
     curves: dict[str, Curve] = {}
     with np.errstate(all="ignore"):
         for (name, found), (colour, dashes) in zip(responses.items(), style.LINES, strict=False):
             values, std = what.values(found), getattr(found, what.std)
-            shown = (found.frequency > 0.0) & np.isfinite(values)  # no other has a place on a logarithmic axis
+            shown = (found.frequency > 0.0) & np.isfinite(values)  # a logarithmic axis has no place for others
             known = std is not None and np.isfinite(std[shown]).all()
             half = np.minimum(what.unit * std[shown], what.widest / style.SIGMAS) if known else None
             if shown.any():
@@ -158,7 +158,7 @@ def draw_nyquist(
         every = max(1, response.size // 60)
         chosen = zip(response[::every], relative_std[::every], phase_std[::every], strict=True)
         for number, (middle, relative, turn) in enumerate(chosen):
-            # along the radius and across it; that the two errors are correlated is left out
+            # axes along the radius and across it; the correlation of the two errors is neglected
             ellipse = middle * (1.0 + style.SIGMAS * (relative * np.cos(angle) + 1j * turn * np.sin(angle)))
             axis.fill(ellipse.real, ellipse.imag, color=style.MODEL, alpha=0.16, lw=0, label=None if number else "2σ")
     axis.plot(response.real, response.imag, color=style.MODEL, lw=1.8, label="model")
@@ -173,7 +173,7 @@ def draw_poles(
 ) -> Any:
     """Draw poles (crosses) and zeros (circles) in rad/s, with 95 % regions; the right half-plane is shaded.
 
-    ``models``, by name, are poles, zeros and the roots whose covariance is known.
+    ``models``, by name, are tuples of poles, zeros, and roots with known covariance.
     """
     (axis,) = style.axes_for("ax", ax, 1, (5.2, 4.6))
     style.tidy(axis)
@@ -206,7 +206,7 @@ def draw_poles(
 
 
 def with_conjugates(regions: Regions) -> Regions:
-    """Return regions, each complex one followed by that of the conjugate root."""
+    """Return regions; each region of a complex root is followed by that of the conjugate root."""
     found, mirrored = [], np.array([[1.0, -1.0], [-1.0, 1.0]])  # signs of a covariance (2, 2)
     for root, covariance in regions:
         found.append((root, covariance))
@@ -226,7 +226,7 @@ def _show_roots(axis: Any, roots: ComplexArray) -> None:
 
 
 def _region(axis: Any, root: complex, covariance: FloatArray, colour: str) -> Any:
-    """Draw the 95 % ellipse, or the interval of a real root, and return it; None where there is nothing to draw."""
+    """Draw the 95 % ellipse, or the interval of a real root, and return it; None if there is nothing to draw."""
     if not np.isfinite(covariance).all() or not (np.diag(covariance) > 0.0).any():
         return None
     if root.imag == 0.0:
@@ -249,7 +249,7 @@ def draw_correlations(found: Correlations | None, dt: float, axes: Any = None) -
 
 
 def reach_of(auto: FloatArray, std: float) -> float | None:
-    """Return half the height of an autocorrelation's axis, if its limits would be too small beside the 1 at lag 0.
+    """Return half the height of an autocorrelation's axis if the 1 at lag 0 would make its limits too small, else None.
 
     >>> reach_of(np.array([1.0, 0.5]), 0.01), reach_of(np.array([1.0, -0.02]), 0.01)
     (None, 0.0412...)
@@ -259,7 +259,7 @@ def reach_of(auto: FloatArray, std: float) -> float | None:
 
 
 def draw_correlation(found: Correlations | None, dt: float, axis: Any, name: str = "") -> None:
-    """Draw the residual's correlation with itself over the lag, or that of the input of a ``name`` with it."""
+    """Draw the residual's autocorrelation over the lag, or its cross-correlation with the input called ``name``."""
     style.title(axis, f"{name} with later residual" if name else "residual with itself")
     style.tidy(axis)
     axis.set(xlabel="lag [s]", ylabel="correlation")
@@ -279,7 +279,7 @@ def draw_correlation(found: Correlations | None, dt: float, axis: Any, name: str
     else:
         drawn = thin(values, 1200)
         axis.plot(drawn.among(lags), drawn.values, color=style.RESIDUAL, lw=1.2)
-        for limit in (-BAND_95 * std, BAND_95 * std):  # drawn again, because the curve may cover the bands
+        for limit in (-BAND_95 * std, BAND_95 * std):  # drawn again, as the curve may cover the bands
             axis.axhline(limit, color=style.INK, lw=0.8, ls=(0, (4, 3)))
     axis.set_xlim(dt * (first - 0.5), dt * (first + values.size - 0.5))
     style.legend(axis)
@@ -288,7 +288,7 @@ def draw_correlation(found: Correlations | None, dt: float, axis: Any, name: str
 
 
 def draw_spectrum(curves: Mapping[str, tuple[FloatArray, FloatArray]], ax: Any = None) -> Any:
-    """Draw power spectral densities per Hz over angular frequency: that of the residual, then that of its model."""
+    """Draw power spectral densities per Hz over angular frequency: the residual's, then its model's."""
     (axis,) = style.axes_for("ax", ax, 1, (4.8, 3.4))
     style.title(axis, "spectrum of the noise", ABOVE_LEGEND)
     axis.set(xlabel="angular frequency [rad/s]", ylabel="power per Hz")
@@ -296,7 +296,9 @@ def draw_spectrum(curves: Mapping[str, tuple[FloatArray, FloatArray]], ax: Any =
     if not curves:
         style.say(axis, "too few samples, or no residual")
         return axis
-    axis.set(xscale="log", yscale="log")  # after the ticks: less than a decade needs labels between
+    axis.set(
+        xscale="log", yscale="log"
+    )  # after `tidy`, whose formatter would hide the minor labels that less than a decade needs
     for (label, (omega, density)), colour in zip(curves.items(), (style.MEASURED, style.MODEL), strict=False):
         axis.plot(omega, density, color=colour, lw=1.6 if colour == style.MEASURED else 1.4, label=label)
     style.legend(axis)

@@ -1,4 +1,4 @@
-"""Numbers, symbols with their units, and formulas: as text for pages (×, −, ±) and terminals (ASCII), and as MathML."""
+"""Numbers, symbols with units, and formulas as text for pages (×, −, ±) and terminals (ASCII), and as MathML."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 
 MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
-UNKNOWN = "unknown"  # in place of a standard deviation that is infinite
-PLAIN = 1e6  # magnitude from which on a power of ten is split off [number]
-WORST_PERCENT = -1000.0  # fit below which it does not matter how bad it is [%]
+UNKNOWN = "unknown"  # text for an infinite standard deviation
+PLAIN = 1e6  # smallest magnitude written with a power of ten [number]
+WORST_PERCENT = -1000.0  # fit below which the value is not written out [%]
 LINE = 42  # width of a line of a polynomial [digits]
-WIDEST = 1e12  # magnitude from which on a grouped number is written with a power of ten [number]
+WIDEST = 1e12  # smallest magnitude of a grouped number written with a power of ten [number]
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def number(value: float, digits: int = 4) -> str:
-    """Return ``value`` with that many significant digits."""
+    """Return ``value`` with ``digits`` significant digits."""
     if math.isnan(value):
         return "no figure"
     if math.isinf(value):
@@ -35,10 +35,12 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def uncertain(value: float, std: float | None) -> str:
-    """Return value and standard deviation, the latter with two digits and the value to the same place."""
+    """Return value and standard deviation, which has two digits; the value is rounded to the same place."""
     if std is not None and math.isinf(std) and math.isfinite(value):
         return f"{number(value)} {PLUS_MINUS} {UNKNOWN}"
-    if not std or not (math.isfinite(value) and math.isfinite(std)):  # a std of 0: a real pole's damping is just 1
+    if not std or not (
+        math.isfinite(value) and math.isfinite(std)
+    ):  # std is 0 for a real pole's damping, which is exactly 1
         return number(value)
     largest = max(abs(value), std)
     power = math.floor(math.log10(largest))
@@ -46,7 +48,7 @@ def uncertain(value: float, std: float | None) -> str:
     place = 1 - math.floor(math.log10(std)) + shift
     scaled, spread = (f"{round(x / 10.0**shift, place):.{max(place, 0)}f}" for x in (abs(value), std))
     sign = MINUS if value < 0 else ""
-    if abs(value) < std and not shift:  # what is left of it, or nothing would be
+    if abs(value) < std and not shift:  # rounding to the same place might leave 0
         return f"{number(value, 2)} {PLUS_MINUS} {spread}"
     if not shift:
         return f"{sign}{scaled} {PLUS_MINUS} {spread}"
@@ -54,7 +56,7 @@ def uncertain(value: float, std: float | None) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a length of time in s, and in hours where those are more than a handful."""
+    """Return a length of time in s, from 2 h on also in hours."""
     text = f"{seconds:,.0f} s" if 1e4 <= seconds < 1e12 else f"{number(seconds)} s"
     return text + (f" ({seconds / 3600:.3g} h)" if seconds >= 7200 else "")
 
@@ -78,7 +80,7 @@ def percent(value: float, *, ascii_only: bool = False) -> str:
 
 
 def off_by(value: float, true: float) -> str:
-    """Return how far ``value`` is from ``true``, in percent."""
+    """Return the deviation of ``value`` from ``true`` in percent."""
     if true == 0.0:
         return "no figure"
     percent = 100.0 * (value / true - 1.0)
@@ -86,12 +88,12 @@ def off_by(value: float, true: float) -> str:
 
 
 def std_alone(std: float) -> str:
-    """Write a standard deviation that stands in a column of its own."""
+    """Return a standard deviation as text for a separate column."""
     return f"{std:.2g}" if math.isfinite(std) else UNKNOWN
 
 
 def with_std(value: float, std: float | None) -> str:
-    """Write a figure with its standard deviation, where one is known: to the same place, in four digits at the most."""
+    """Return a figure with its standard deviation, if known, to the same place and in at most four digits."""
     if std is None or math.isnan(std) or not math.isfinite(value):
         return f"{value:.4g}"
     if math.isinf(std):
@@ -103,12 +105,12 @@ def with_std(value: float, std: float | None) -> str:
 
 
 def of_integrator(gain: float, std: float | None) -> str:
-    """Say beside a gain that it may be infinite, where its standard deviation is larger."""
+    """Return a remark for a gain with a larger standard deviation: it may be infinite; else an empty text."""
     return "; the slowest pole may be an integrator" if std is not None and std > abs(gain) else ""
 
 
 def _digits(value: float, digits: int) -> str:
-    """Return a figure with so many digits, zeros at its end among them; with a power of ten where it is far from 1."""
+    """Return a figure with ``digits`` digits, trailing zeros included; with a power of ten if it is far from 1."""
     if not 1e-4 <= abs(value) < 1e5:
         return f"{value:.{digits}g}"
     place = digits - 1 - math.floor(math.log10(abs(value)))
@@ -116,14 +118,14 @@ def _digits(value: float, digits: int) -> str:
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Return text in lines of at most ``width`` characters, without a break between a figure and its unit."""
+    """Break text into lines of at most ``width`` characters, but not between a figure and its unit."""
     glued = re.sub(r"(?<=\d) (?=(?:%|s|h)(?:\W|$))", "\N{NO-BREAK SPACE}", text)
     lines = textwrap.wrap(glued, max(width, 1), break_long_words=False, break_on_hyphens=False)
     return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 
 def grouped(value: float, places: int = 1) -> str:
-    """Return a number with commas between groups of three digits; from `WIDEST` on with a power of ten."""
+    """Return a number with commas between groups of three digits, or with a power of ten from `WIDEST` on."""
     try:
         return f"{value:,.{places}f}" if abs(value) < WIDEST else f"{float(value):.4g}"
     except OverflowError:  # an integer beyond float64
@@ -131,7 +133,7 @@ def grouped(value: float, places: int = 1) -> str:
 
 
 def rounded(values: FloatArray, digits: int = 6) -> list[float | None]:
-    """Return values (N,) for JSON: so many digits, and null where they are not finite."""
+    """Round values (N,) to ``digits`` digits for JSON; values that are not finite become None."""
     return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
@@ -144,13 +146,13 @@ def with_prefix(value: float) -> str:
 
 
 def complex_number(value: complex) -> str:
-    """Return a root; of a conjugate pair, given with positive imaginary part, both."""
+    """Return a root as text; a complex one, with positive imaginary part, stands for the conjugate pair."""
     real = number(value.real)
     return f"{real} {PLUS_MINUS} {number(abs(value.imag))}i" if value.imag else real
 
 
 def over(values: Any, unit: str) -> str:
-    """Return the first and last of some values, with their unit."""
+    """Return the first and the last value, with their unit."""
     return f"{values[0]:.4g} to {values[-1]:.4g} {unit}" if len(values) else "none"
 
 
@@ -201,12 +203,12 @@ def true_parameters(truth: TransferFunction) -> Sequence[float]:
 
 
 def with_unit(name: str, unit: str) -> str:
-    """Return a name with its unit in brackets, where that is known."""
+    """Return a name with its unit in brackets, if known."""
     return f"{name} [{unit}]" if unit else name
 
 
 def gain_unit(input_label: str, output_label: str) -> str:
-    """Return the unit of output per input; empty where either is unknown."""
+    """Return the unit of output per input; empty if either is unknown."""
     numerator, denominator = unit_of(output_label), unit_of(input_label)
     if not (numerator and denominator):
         return ""
@@ -215,7 +217,7 @@ def gain_unit(input_label: str, output_label: str) -> str:
 
 
 def mapped_label(label: str, input_map: object) -> str:
-    """Return the label of a mapped input; after a map of the user's own it has no unit."""
+    """Return the label of a mapped input; after a user-defined map it has no unit."""
     if input_map == "identity":
         return label
     unit, name = unit_of(label), without_unit(label)
@@ -223,7 +225,7 @@ def mapped_label(label: str, input_map: object) -> str:
 
 
 def mathml(model: TransferFunction) -> str:
-    """Return G(s) as MathML, long polynomials in several lines."""
+    """Return G(s) as MathML; long polynomials have several lines."""
     dead_time = ""
     if model.delay:
         delay = "" if model.delay == 1.0 else _math_number(model.delay)
@@ -237,7 +239,7 @@ def mathml(model: TransferFunction) -> str:
 
 
 def _parts(value: float, digits: int) -> tuple[str, int]:
-    """Return the digits of abs(value) and a power of ten, 0 where none is needed."""
+    """Return the digits of abs(value) and the exponent of ten, 0 if none is needed."""
     text = f"{abs(value):.{digits}g}"
     if "e" not in text:
         return text, 0

@@ -1,4 +1,4 @@
-"""What is drawn over time: signals thinned without losing a peak, and panels of curves, for pictures and pages."""
+"""Plots over time: signals thinned without loss of peaks, and panels of curves, for pictures and pages."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from replant.plotting.style import FARTHEST, MODEL, MUTED, SIGMAS, label_time, s
 
 @dataclass(frozen=True, eq=False)
 class Thinned:
-    """A signal as it is drawn: evenly spaced points, counted in samples of the whole signal."""
+    """A signal thinned to evenly spaced points, whose positions are counted in samples of the whole signal."""
 
-    values: FloatArray  # (V,): NaN where the signal has nothing to show
+    values: FloatArray  # (V,): NaN where the signal has no finite value
     first: float  # first, step: position of the first point and distance of the points, in samples
     step: float
 
     @property
     def places(self) -> FloatArray:
-        """Which sample each point is, (V,); a fraction lies between two samples."""
+        """Position (V,) of each point in samples; a fraction lies between two samples."""
         return np.asarray(self.first + self.step * np.arange(self.values.size))
 
     def among(self, t: FloatArray) -> FloatArray:
-        """Return when each point is, (V,), in the signal whose samples came at the times ``t`` (K,), evenly or not."""
+        """Return the time (V,) of each point in a signal with samples at the times ``t`` (K,), evenly spaced or not."""
         if not t.size:
             return self.values
         last = float(t[-1] - t[-2]) if t.size > 1 else 0.0
@@ -40,14 +40,14 @@ class Thinned:
 
 
 def thin(signal: FloatArray, points: int) -> Thinned:
-    """Return at most ``points`` points of ``signal`` (K,): of each column of a picture the extremes, as they came."""
+    """Thin ``signal`` (K,) to at most ``points`` points: the extremes of each stretch, in their order."""
     thinner = Thinner(signal.size, points)
     thinner.take(signal)
     return thinner.thinned
 
 
 class Thinner:
-    """Does what `thin` does, of a signal of ``length`` samples that comes batch by batch."""
+    """`thin` for a signal of ``length`` samples that comes in batches."""
 
     def __init__(self, length: int, points: int) -> None:
         self._width = 1 if length <= points else -(-length // max(1, points // 2))
@@ -65,7 +65,7 @@ class Thinner:
 
     @property
     def thinned(self) -> Thinned:
-        """The signal so far, as it is drawn."""
+        """The signal so far, thinned."""
         if self._width == 1:
             return Thinned(np.concatenate(self._parts), 0.0, 1.0)
         last = np.full(self._width if self._rest.size else 0, np.nan)
@@ -75,7 +75,7 @@ class Thinner:
 
 
 def _extremes(rows: FloatArray) -> FloatArray:
-    """Return the least and the greatest finite value of each row, in the order in which they came, (2 R,)."""
+    """Return the smallest and the largest finite value of each row, in their order, as (2 R,)."""
     missing = ~np.isfinite(rows)
     least, greatest = np.where(missing, np.inf, rows), np.where(missing, -np.inf, rows)
     places = np.sort(np.stack([least.argmin(axis=1), greatest.argmax(axis=1)]), axis=0)
@@ -84,9 +84,9 @@ def _extremes(rows: FloatArray) -> FloatArray:
     return np.asarray(values)
 
 
-POINTS = 36_000  # points of a signal at most: nine-fold zoom on 2,000 columns loses nothing [count]
-SHOWN = 3_000  # points of a curve; beyond it min and max of each stretch stand for the stretch [count]
-SHOWN_SMALL = 1_000  # the same in a panel of half the width [count]
+POINTS = 36_000  # most points of a signal: 2,000 columns zoomed nine-fold lose nothing [count]
+SHOWN = 3_000  # most points of a curve; a longer one is drawn as minimum and maximum of each stretch [count]
+SHOWN_SMALL = 1_000  # the same for a panel of half the width [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,11 +94,11 @@ class Curve:
     """A signal over time."""
 
     t: FloatArray  # (V,): in s
-    values: FloatArray  # (V,): NaN where there is nothing to show
+    values: FloatArray  # (V,): NaN where the curve is interrupted
     label: str
     colour: str = MODEL
-    std: FloatArray | None = None  # (V,): NaN where it is not known; a band is drawn of it
-    band: str = ""  # its label
+    std: FloatArray | None = None  # (V,): standard deviations, drawn as a band; NaN if unknown
+    band: str = ""  # the band's label
     kind: str = "line"  # {"line", "step", "constant", "dot"}
     width: float = 1.4
     dashes: Any = "solid"
@@ -110,10 +110,10 @@ class Panel:
 
     label: str
     curves: Sequence[Curve]
-    ends: tuple[float, float] = (0.0, 1.0)  # of the time shown, in s
+    ends: tuple[float, float] = (0.0, 1.0)  # range of time in s
     limits: tuple[float, float] | None = None
-    name: str = ""  # in a page
-    words: str = ""  # in place of curves
+    name: str = ""  # its name in a page
+    words: str = ""  # a text in place of curves
     is_log: bool = False
     has_zero: bool = False  # whether a line is drawn at 0
     left_out: FloatArray | None = None  # (L, 2): stretches in s that are shaded
@@ -126,7 +126,7 @@ def constant(value: float, label: str, colour: str = MODEL, dashes: Any = "solid
 
 
 def draw_panels(axes: Sequence[Any], panels: Sequence[Panel], points: int = SHOWN, *, titled: bool = False) -> Any:
-    """Draw each panel into its axes, labelled at the side or titled; the lowest show the time.  Return the axes."""
+    """Draw each panel into its axes, labelled at the side or titled; label the time below.  Return the axes."""
     for axis, panel in zip(axes, panels, strict=True):
         draw_panel(axis, panel, points)
         title(axis, panel.label) if titled else axis.set_ylabel(panel.label)
@@ -139,13 +139,13 @@ def draw_panel(axis: Any, panel: Panel, points: int = SHOWN) -> None:
     if panel.is_log:
         axis.set_yscale("log")
     tidy(axis)
-    if panel.ends[0] != panel.ends[1]:  # one frequency alone has no range
+    if panel.ends[0] != panel.ends[1]:  # a single frequency has no range
         axis.set_xlim(*panel.ends)
     if panel.words:
         say(axis, panel.words)
         return
     if panel.limits is not None:
-        axis.set_ylim(*panel.limits)  # before a curve sets others
+        axis.set_ylim(*panel.limits)  # first, so that the curves do not rescale the axis
     if panel.left_out is not None and len(panel.left_out):
         spans = [(begin, end - begin) for begin, end in panel.left_out.tolist()]
         across = axis.get_xaxis_transform()

@@ -1,7 +1,7 @@
-"""How figures look: colours, axes, ticks, legends and limits; and results that a notebook shows with their picture.
+"""The style of figures: colours, axes, ticks, legends and limits; and results that a notebook shows with a picture.
 
-The colours are those of Okabe and Ito, which readers with a colour vision deficiency can distinguish.  Where two of
-them are equally light, line styles or widths differ as well, so that a figure is readable in grey.
+The colours are those of Okabe and Ito, which readers with a colour vision deficiency can distinguish.  If two of them
+are equally light, line styles or widths differ as well, so that a figure is readable in grey.
 """
 
 from __future__ import annotations
@@ -23,33 +23,33 @@ from replant.plotting.numbers import number, power_of_ten
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILION, GREY = "#0072b2", "#d55e00", "#7f8c95"
-NAVY = "#00436b"  # blue, darkened: beside vermilion, which is as light as blue in grey
-# what was measured is wide and pale, the model thin and dark: told apart in grey as well
+NAVY = "#00436b"  # a darker blue, for use with vermilion, which is as light as blue in grey
+# measured signals are wide and pale, the model thin and dark: they can be distinguished in grey, too
 MEASURED, MODEL, RESIDUAL, INPUT, TRUTH = "#8d99a3", VERMILION, BLUE, "#00785a", BLACK
 INK, MUTED, GRID = "#20262b", "#56616b", "#dfe4e7"
-COLOURS = (MODEL, RESIDUAL, INPUT, "#98489b", "#8f6200", INK)  # of curves that stand side by side
+COLOURS = (MODEL, RESIDUAL, INPUT, "#98489b", "#8f6200", INK)  # of several curves in common axes
 DASHES: tuple[Any, ...] = (
     "solid", (0, (7, 2)), (0, (7, 2, 1.5, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2, 1.5, 2)), (0, (12, 3))
 )  # fmt: skip
-#: Colour and dashes of each of many curves; dashes, because in grey colours are not enough.
+#: Colour and dashes of each of many curves; the dashes distinguish them in grey.
 LINES = tuple((COLOURS[i % 6], DASHES[(i + (0, 3, 1, 4, 2, 5)[i // 6]) % 6]) for i in range(36))
-#: How a true value is drawn, in every figure.
+#: Line style of true values in every figure.
 TRUE: Any = {"color": TRUTH, "ls": (0, (5, 3)), "lw": 0.9, "zorder": 2.5}
 FONT: Any = {"font.size": 9.0, "axes.titlesize": 9.0, "legend.fontsize": 8.5, "svg.hashsalt": "replant"}
 
 SIGMAS = 2.0  # half-width of every band [standard deviations]
-FARTHEST = 1e30  # farthest that an axis reaches: what diverged is not worth more [number]
-LEVEL = 1e-9  # movement below which a signal stands still [part of its size]
+FARTHEST = 1e30  # largest value of an axis; only diverged values are larger [number]
+LEVEL = 1e-9  # range below which a signal is constant apart from rounding [part of its size]
 
 
 def picture(axes: Any) -> str:
-    """Return the figure of axes, or of several, as an image of HTML."""
+    """Return the figure of one or several axes as an HTML image."""
     drawn = np.ravel(np.asarray(axes, dtype=object))[0].figure._repr_png_()
     return f'<img src="data:image/png;base64,{base64.b64encode(drawn).decode()}">'
 
 
 class Shown:
-    """A result with `__repr__` and `plot`, which a notebook shows with its picture; without matplotlib in words."""
+    """A result with `__repr__` and `plot`, which a notebook shows as text and, with matplotlib, as a picture."""
 
     def plot(self) -> Any:
         """Draw the result; return its axes."""
@@ -64,7 +64,7 @@ class Shown:
 
 
 def blank_figure(width: float, height: float) -> Any:
-    """Return a `matplotlib.figure.Figure` of a size in inches: without pyplot, so that it need not be closed.
+    """Return a `matplotlib.figure.Figure` of a size in inches, made without pyplot, so that it need not be closed.
 
     >>> blank_figure(7.0, 4.0).get_size_inches().tolist()
     [7.0, 4.0]
@@ -72,12 +72,12 @@ def blank_figure(width: float, height: float) -> Any:
     with needs("plots need matplotlib", "report"):
         from matplotlib.figure import Figure
     figure: Any = Figure(figsize=(width, height), layout="constrained")
-    figure._repr_png_ = partial(_as_png, figure)  # what a notebook asks an object for
+    figure._repr_png_ = partial(_as_png, figure)  # notebooks call this method
     return figure
 
 
 def saved(folder: Path, drawn: Mapping[str, Any]) -> list[Path]:
-    """Write the figures of axes, by their names, as PNG files into a folder, and return their paths."""
+    """Save the figures of axes as PNG files into a folder, by name, and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.png" for name in drawn]
     for path, axis in zip(paths, drawn.values(), strict=True):
@@ -92,7 +92,7 @@ def _as_png(figure: Any) -> bytes:
 
 
 def given_axes(name: str, axes: Any, count: int) -> list[Any]:
-    """Return axes, one or any nesting of several, as a list of ``count``; ``name`` is the argument's in messages."""
+    """Return axes, given in any nesting, as a list of ``count``; ``name`` is the argument's name in messages."""
     found = list(np.asarray(axes, dtype=object).ravel())
     if not all(hasattr(axis, "set_xlim") for axis in found):
         raise ArgumentTypeError(f"{name} must be axes of matplotlib, got {shown(axes)}")
@@ -102,7 +102,7 @@ def given_axes(name: str, axes: Any, count: int) -> list[Any]:
 
 
 def axes_for(name: str, axes: Any, count: int, size: tuple[float, float], **layout: Any) -> list[Any]:
-    """Return the ``count`` axes that a user gave, or those of a new figure, by default below each other."""
+    """Return the user's ``count`` axes, or those of a new figure, by default below each other."""
     if axes is not None:
         return given_axes(name, axes, count)
     return list(blank_figure(*size).subplots(**({"nrows": count, "squeeze": False} | layout)).ravel())
@@ -116,7 +116,7 @@ def tidy(axis: Any) -> None:
     axis.spines[["left", "bottom"]].set_color(MUTED)
     axis.tick_params(colors=MUTED, which="both")
     for each in (axis.xaxis, axis.yaxis):
-        if each.get_scale() == "linear":  # complete numbers, not differences from an offset
+        if each.get_scale() == "linear":  # without matplotlib's common offset
             each.set_major_formatter(FuncFormatter(lambda value, _: number(value, 8)))
         else:
             each.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
@@ -144,7 +144,7 @@ def title(axis: Any, words: str, room: float | None = None) -> None:
 
 
 def legend(axis: Any, columns: int = 4) -> None:
-    """Put the legend above the axis, outside of the plot, where a curve has a label."""
+    """Put a legend above the axis, outside of the plot, if a curve has a label."""
     if axis.get_legend_handles_labels()[0]:
         axis.legend(
             loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False, borderaxespad=0.1,
@@ -153,7 +153,7 @@ def legend(axis: Any, columns: int = 4) -> None:
 
 
 def say(axis: Any, words: str) -> None:
-    """Write ``words`` in the middle of an axis that has no curve to show."""
+    """Write ``words`` in the middle of an axis without curves."""
     axis.text(0.5, 0.5, words, transform=axis.transAxes, ha="center", va="center", color=MUTED)
     axis.set_xticks([])
     axis.set_yticks([])
@@ -180,7 +180,7 @@ def residual_limits(residual: FloatArray, measured: FloatArray) -> tuple[float, 
 
 
 def output_limits(measured: FloatArray, *others: FloatArray) -> tuple[float, float]:
-    """Return limits that show the measured signal completely, and others up to its range beyond it."""
+    """Return limits that show the measured signal completely, and others up to one range of it beyond."""
     finite = _known(measured)
     if finite.size == 0:
         return -1.0, 1.0
@@ -194,7 +194,7 @@ def output_limits(measured: FloatArray, *others: FloatArray) -> tuple[float, flo
 
 
 def near(curves: Sequence[FloatArray], reference: FloatArray, reach: float) -> tuple[float, float]:
-    """Return the range of a reference, and of other curves as far as they stay within ``reach`` of it."""
+    """Return the range of a reference and of other curves, cut off at ``reach`` beyond the reference."""
     low, high = float(reference.min()), float(reference.max())
     shown = np.clip(np.concatenate([reference, *curves]), low - reach, high + reach)
     return float(shown.min()), float(shown.max())
@@ -210,6 +210,6 @@ def is_drawable(values: Any) -> bool:
 
 
 def decades(values: FloatArray, lowest: float = -math.inf) -> tuple[float, float]:
-    """Return the whole powers of ten about some values; none below 10^``lowest``."""
+    """Return the powers of ten that enclose some values; the lower one is at least 10^``lowest``."""
     low, high = math.floor(math.log10(values.min()) - 0.05), math.ceil(math.log10(values.max()) + 0.05)
     return 10.0 ** max(low, lowest), 10.0**high

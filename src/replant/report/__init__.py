@@ -1,1 +1,1 @@
-"""What people read of a result: findings, numbers as text, figures, the HTML report, the terminal."""
+"""Presentation of results: findings, tables, figures, HTML reports and terminal output."""

@@ -1,4 +1,4 @@
-"""Several methods over one log, and saved models over one log: their numbers, figures and pages."""
+"""Comparison of several methods, or of saved models, on one log: numbers, figures and pages."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ def results_of(contenders: Sequence[Contender]) -> dict[str, Result]:
 
 
 def reference_of(contenders: Sequence[Contender]) -> str:
-    """Return the method that sets the limits of the figures: the best, else the first that found a model."""
+    """Return the method that sets the limits of the figures: the best, else the first one with a model."""
     first = best(contenders)
     return first.name if first else next(iter(results_of(contenders)))
 
 
 def swatches_of(names: Iterable[str]) -> dict[str, str]:
-    """Return, by method, a sample of its line in the figures."""
+    """Return a sample of each method's line in the figures."""
     return {name: _swatch(*line) for name, line in zip(names, style.LINES, strict=False)}
 
 
@@ -68,7 +68,7 @@ def pictures(
     caption: str,
     first: str = "",
 ) -> str:
-    """Return pictures side by side, by their names in the page with the text of each, below one legend of ``names``."""
+    """Return pictures side by side under one legend of ``names``; ``words`` has each picture's name and alternative."""
     with page.look():
         axes = [blank_figure(page.HALF, height).subplots() for _ in words]
         draw(axes)
@@ -106,8 +106,8 @@ def outputs(results: Mapping[str, Result], log: Log) -> str:
         {"outputs0": f"{said}; fit: {fits}", "outputs1": "The same over the last tenth of the record"},
         2.9,
         lambda axes: draw_outputs(results, log.output, log.dt, axes=axes, output_label=log.output_name),
-        f"{said}; on the right or below, over the last tenth of the record. Outputs that leave the range of the "
-        "measured one by more than its size are cut off.",
+        f"{said}; on the right or below, over the last tenth of the record. Outputs are cut off where they leave the "
+        "range of the measured output by more than its width.",
         f"<li>{_swatch(style.MEASURED, 'solid', 3.6)}measured</li>",
     )
 
@@ -176,7 +176,7 @@ def _write(path: Path, title: str, eyebrow: str, lede: str, sections: Mapping[st
 
 
 def claim(contenders: Sequence[Contender]) -> str:
-    """Return which method has the best simulated fit, and what the verdicts add where that is not trusted."""
+    """Return a text on the method with the best simulated fit and, if it is not trusted, on the best trusted one."""
     first, results = best(contenders), results_of(contenders)
     if first is None:
         return "No method found a model that can be simulated."
@@ -190,7 +190,7 @@ def claim(contenders: Sequence[Contender]) -> str:
         said += " No model is trusted."
     elif first.name not in trusted:
         name = max(trusted, key=lambda each: trusted[each])
-        said += f" It is not trusted; of the models that are, that of {name} is best: {percent(trusted[name])}."
+        said += f" It is not trusted; the best trusted model is that of {name}: {percent(trusted[name])}."
     return said.replace(" %", page.NO_BREAK + "%")
 
 
@@ -211,7 +211,7 @@ def _html_table(contenders: Sequence[Contender], labels: Sequence[str], samples:
 
 
 def _remarks(contenders: Sequence[Contender], samples: int) -> str:
-    """Return the findings against each model, the gravest first."""
+    """Return the adverse findings on each model, the gravest first."""
     remarks = []
     for entry in contenders:
         found = [Finding(BAD, "No model", f"{entry.problem[:1].upper()}{entry.problem[1:]}.")]
@@ -227,7 +227,7 @@ def _remarks(contenders: Sequence[Contender], samples: int) -> str:
 
 
 def shortened(text: str) -> str:
-    """Return the first two sentences, and the others folded away."""
+    """Return the first two sentences, and the others folded."""
     sentences = re.split(r"(?<=[.?!]) (?=[A-Z0-9])", page.words(text))
     first, rest = " ".join(sentences[:2]), " ".join(sentences[2:])
     return f"{first} <details><summary>More</summary>{rest}</details>" if rest else first
@@ -262,7 +262,7 @@ class ModelComparison(Shown):
     models : dict of Model
         By name.
     validations : dict of Validation
-        Of each model by the record, by the same names.
+        Validation of each model on the record, by the same names.
     log : Log
         The record.
     """
@@ -278,7 +278,7 @@ class ModelComparison(Shown):
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
-        """The table: a row of words for each model, see `HEADINGS`."""
+        """The table: a row of texts for each model, see `HEADINGS`."""
         rows: list[tuple[str, ...]] = []
         for name, model in self.models.items():
             found, structure = self.validations[name], model.structure
@@ -327,14 +327,14 @@ class ModelComparison(Shown):
 
 
 def compare(models: Mapping[str, Model] | Sequence[Model], log: Log) -> ModelComparison:
-    """Compare several models over one record; of each, offset and initial state are estimated and nothing else.
+    """Compare several models on one record; only the offset and the initial state of each are estimated.
 
     Parameters
     ----------
     models : dict or sequence of Model
-        By name; of a sequence the names are "model 1" and so on.
+        By name; those of a sequence are called "model 1" and so on.
     log : Log
-        A record that they were not made from tells most.
+        Preferably a record that the models were not fitted to.
 
     Returns
     -------
@@ -344,7 +344,7 @@ def compare(models: Mapping[str, Model] | Sequence[Model], log: Log) -> ModelCom
     Raises
     ------
     ArgumentTypeError
-        If one is no model, or the log no log.
+        If an entry is not a Model, or ``log`` is not a Log.
     InvalidArgumentError
         If there is no model.
 

@@ -1,4 +1,4 @@
-"""What a report is made from, and what it has of it: tables, facts and the captions of its figures."""
+"""The material of a report, and its contents: tables, facts and the captions of figures."""
 
 from __future__ import annotations
 
@@ -48,17 +48,17 @@ from replant.report.results_as_text import POLE, modes_of, stds_of
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A result and its record, which a report is made from."""
+    """A result and its record, from which a report is made."""
 
     result: Result
     log: Log
-    filter: StateVariableFilter | None  # the filter of the regressors; without it the excitation is not known
+    filter: StateVariableFilter | None  # the filter of the regressors; None: the excitation is unknown
     preprocess: Preprocess
     truth: Sequence[float] | None = None  # (P,): true parameters, of a simulated plant
 
     @property
     def clock(self) -> Clock:
-        """When the samples were taken."""
+        """The times of the samples."""
         return self.result.clock_of(self.log.dt)
 
     @property
@@ -68,13 +68,13 @@ class Material:
 
     @property
     def labels(self) -> dict[str, str]:
-        """The names for the figures, which apply the input map of an online run's settings themselves."""
+        """The labels for the figures; these apply the input map of an online run themselves."""
         of_input = self.plant_label if self.result.settings is None else self.log.input_name
         return {"input_label": of_input, "output_label": self.log.output_name}
 
     @cached_property
     def panels(self) -> dict[str, list[Panel]]:
-        """What is drawn over time, by section."""
+        """The panels over time, by section."""
         result, log = self.result, self.log
         known = result.history is not None and result.history.samples.size
         return {
@@ -104,7 +104,7 @@ class Material:
             accepted, _ = screen(preprocess.map_input(log.input), log.output)
             y = np.where(accepted, log.output, np.nan)
             phi = regressors(structure, log.dt, self.filter, preprocess, log.input, y, log.stamps)[0]
-        except ReplantError:  # without a usable sample there is no working point
+        except ReplantError:  # no usable sample, and thus no working point
             return None
         found = excitation(phi)
         return found and replace(found, samples=found.samples + log.earlier)
@@ -113,7 +113,7 @@ class Material:
 def correlated(
     residual: FloatArray, inputs: Iterable[FloatArray], log: Log, plants: Sequence[TransferFunction]
 ) -> list[Correlations | None]:
-    """Return the correlations of a residual (K,) with itself and with each input (K,), at lags that plants need."""
+    """Return the correlations of a residual (K,) with itself and each input (K,), at lags chosen for the plants."""
     times = [mode.time_constant for g in plants for mode in g.modes]
     lags = correlation_lags(times, residual.size, log.dt)
     residual = on_grid(residual, log)
@@ -121,7 +121,7 @@ def correlated(
 
 
 def on_grid(signal: FloatArray, log: Log) -> FloatArray:
-    """Return a signal (K,) as one of a regular clock: NaN stands for each sample that was lost, for up to a few."""
+    """Return a signal (K,) on a regular clock: NaN for each lost sample, for at most a few in a gap."""
     stamps, dt = log.stamps, log.dt
     if stamps is None or not signal.size:
         return signal
@@ -194,7 +194,7 @@ def origin(material: Material) -> str:
 
 
 def of_record(log: Log, *others: Log) -> list[tuple[str, str]]:
-    """Return what is to be said of a record, as names and words; the others have its further outputs."""
+    """Return facts about a record, as terms and descriptions; ``others`` have its further outputs."""
     return [
         ("file", log.path.name or "none: the record is simulated"),
         ("SHA-256", digest(log.path) or "none: there is no file"),
@@ -205,7 +205,7 @@ def of_record(log: Log, *others: Log) -> list[tuple[str, str]]:
 
 
 def lasts(log: Log) -> str:
-    """Return in words how long a record lasts, and its sampling time."""
+    """Return the duration of a record and its sampling time as text."""
     clock = "at" if log.stamps is None else "on an irregular clock, usually at"
     return f"{duration(log.duration)} {clock} {number(log.dt, 6)} s"
 
@@ -221,17 +221,17 @@ def versions() -> str:
     return ", ".join([*found, f"Python {platform.python_version()}"])
 
 
-SEEN = 0.01  # part of the record below which a stretch cannot be seen in a picture [part of the record]
+SEEN = 0.01  # shortest stretch that is visible in a picture [part of the record]
 
 
 def captions(material: Material) -> dict[str, str]:
-    """Return the captions of the figures, by their names in the page."""
+    """Return the captions of the figures, by name."""
     result, log = material.result, material.log
     model, history, known = result.transfer_function, result.history, result.uncertainty is not None
     dashed = "" if material.truth is None else " Dashed: the true plant."
     bands = " with bands of two standard deviations" if known else ""
     gain = f"{number(model.dc_gain)} {gain_unit(material.plant_label, log.output_name)}".strip()
-    clock = ""  # said of figures that need a regular one
+    clock = ""  # a remark on figures that need a regular clock
     if material.clock.irregular:
         apart = f"samples are taken as {number(log.dt, 4)} s apart, and lost ones as unknown"
         clock = f" The clock is irregular: {apart}."
@@ -242,8 +242,8 @@ def captions(material: Material) -> dict[str, str]:
         "poles": _of_poles(material),
         "bode": f"Bode diagram of G(s): magnitude and phase{bands}; the DC gain is {gain}.{dashed}",
         "step": (
-            f"Step response of G(s){' with a band of two standard deviations' if known else ''}: what the output makes "
-            f"of a unit step of the input, from rest.{dashed}"
+            f"Step response of G(s){' with a band of two standard deviations' if known else ''}: the output for a unit "
+            f"step of the input, from rest.{dashed}"
         ),
         "auto": correlation_in_words(material.correlations) + clock,
         "cross": correlation_in_words(material.correlations, "Input") + clock,
@@ -306,7 +306,7 @@ def _of_poles(material: Material) -> str:
 
 
 def correlation_in_words(found: Correlations | None, name: str = "") -> str:
-    """Return how far the residual is correlated with itself, or with the input of a name."""
+    """Return a text on the residual's correlation with itself, or with the named input."""
     what = f"{name} with the later residual" if name else "Residual with itself"
     if found is None:
         return f"{what}: too few samples, or a constant signal."
@@ -325,6 +325,6 @@ def _of_spectrum(noise: NoiseModel | None) -> str:
         return f"{said}: the noise is modelled as white."
     share = percent(noise.variance / noise.residual_variance) if noise.residual_variance > 0.0 else "0 %"
     return (
-        f"{said} and of its model, an autoregression of order {noise.order}. Once the past is known {share} of the "
-        "residual's power is left."
+        f"{said} and of its model, an autoregression of order {noise.order}. The past does not predict {share} of the "
+        "residual's power."
     )

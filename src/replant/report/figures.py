@@ -73,13 +73,13 @@ def draw_fit(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw input, both outputs and the residual over time, return three axes; samples left out are shaded.
+    """Draw input, both outputs and the residual over time; return three axes; samples left out are shaded.
 
     Parameters
     ----------
     result : Result
     u, y : (K,) arrays
-        Raw input and output.  Of a record that is too long for memory, the newest samples: its overview is drawn.
+        Raw input and output.  For a record that is too long for memory, its newest samples; the overview is drawn.
     dt : float
         Sampling time in s.
     axes : three matplotlib axes, optional
@@ -120,7 +120,7 @@ def draw_transients(
     Parameters
     ----------
     result : Result
-        Of an online run.
+        Result of an online run.
     dt : float
         Sampling time in s.
     truth : (P,) sequence, optional
@@ -154,7 +154,7 @@ def _several(results: Mapping[str, Result], reference: str | None = None) -> tup
 
 
 def _for_parameters(axes: Any, count: int, rest: float) -> list[Any]:
-    """Return the axes that were given, or those of a new figure in two columns; ``rest``: room beside the rows."""
+    """Return the given axes, or those of a new figure in two columns; ``rest`` is its height without the rows."""
     if axes is not None:
         return style.given_axes("axes", axes, count)
     columns = min(count, 2)
@@ -187,12 +187,12 @@ def draw_overlay(
     dt : float
         Sampling time in s.
     reference : str, optional
-        The method whose last estimate sets the limits of the panels, by default the first: curves far beyond it are
-        cut off.
+        The method whose last estimate sets the limits of the panels, by default the first; curves far beyond are cut
+        off.
     axes : P matplotlib axes, optional
         Drawn into; without them a figure is made.
     input_label, output_label : str
-        With the unit in brackets at the end, if it is known; of the input after its map.
+        With the unit in brackets at the end, if it is known; ``input_label`` is that of the mapped input.
     """
     results, chosen = _several(results, reference)
     dt, (input_label, output_label) = duration("dt", dt), _labels(input_label, output_label)
@@ -237,7 +237,7 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, cl
     axes : two matplotlib axes, optional
         For the smallest eigenvalue of the scaled information matrix, and for the condition number.
     clock : Clock, optional
-        Of an irregular clock.
+        The times of the samples, if the clock is irregular.
     """
     found, clock = instance("found", found, Excitation, None), instance("clock", clock, Clock, None)
     dt = duration("dt", dt)
@@ -254,7 +254,7 @@ def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None
     """Draw the residual's correlation with itself and with the input, with 95 and 99 % limits; return both axes.
 
     For a model that explains the record, 95 % of the lags lie within the inner limits.  Cross-correlation at negative
-    lags, where the input follows the residual, indicates feedback.
+    lags, at which the input follows the residual, indicates feedback.
 
     Parameters
     ----------
@@ -326,9 +326,9 @@ def draw_responses(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw magnitude and phase of each method's model, with bands of +-2 sigma where known; return both axes.
+    """Draw magnitude and phase of each method's model, with bands of +-2 sigma if known; return both axes.
 
-    The response of the ``reference``, by default the first, sets the limits: curves far beyond it are cut off.
+    The response of the ``reference``, by default the first, sets the limits; curves far beyond are cut off.
     """
     results, chosen = _several(results, reference)
     dt, unit = duration("dt", dt), gain_unit(*_labels(input_label, output_label))
@@ -337,7 +337,7 @@ def draw_responses(
 
 
 def responses_of(results: Mapping[str, Result], dt: float, reference: str) -> dict[str, Bode]:
-    """Return responses over the frequencies of the reference, and those about the resonances of each."""
+    """Return responses over the range of the reference's frequencies, with denser ones at each model's resonances."""
     span = frequencies(results[reference].transfer_function, dt)[[0, -1]]
     found = {}
     for name, result in results.items():
@@ -355,7 +355,7 @@ def draw_step(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw the output by a unit step until it has settled, with its band of +-2 sigma, and return the axes.
+    """Draw the response to a unit step until it has settled, with its band of +-2 sigma, and return the axes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The verdict in words, the findings that a report begins with, and the excitation of a record."""
+"""The texts of the verdicts, the findings at the top of a report, and the excitation of a record."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from replant.numerics.arguments import FloatArray, IntArray
 from replant.online.runs.result import Result
 from replant.plotting.numbers import complex_number, number
 
-WINDOWS = 100  # windows in a record, unless they become too short for the parameters [count]
-STRIDES = 4  # steps in which a window moves by its length [count]
+WINDOWS = 100  # windows of a record, unless they become too short for the parameters [count]
+STRIDES = 4  # strides in a window: consecutive windows overlap [count]
 
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """How well the samples of each window of a record determine the parameters."""
+    """How well the samples in each window of a record determine the parameters."""
 
     samples: IntArray  # (W,): the sample after which each window ends
     window: int  # samples in a window
-    # (W,): smallest eigenvalue of the window's scaled information matrix: 1 at best, 0 where a combination of
-    # parameters is undetermined
+    # (W,): smallest eigenvalue of the window's scaled information matrix: 1 at best, 0 if a combination of parameters
+    # is undetermined
     smallest: FloatArray
     condition: FloatArray  # (W,): of the window's scaled regressors, as in the verdict on the whole record
 
 
 def excitation(phi: FloatArray) -> Excitation | None:
-    r"""Return the excitation along regressors phi (K, P), each entry scaled by its root mean square over the record."""
+    r"""Return the excitation by regressors phi (K, P), each entry scaled by its root mean square over the record."""
     count, size = phi.shape
     finite = np.asarray(np.isfinite(phi).all(axis=1))
     if not finite.any():
@@ -50,7 +50,7 @@ def excitation(phi: FloatArray) -> Excitation | None:
     totals = np.diff(np.cumsum(finite)[ends - 1], prepend=0)
     span = min(STRIDES, blocks)
     windows, weights = (sliding_window_view(sums, span, axis=0).sum(axis=-1) for sums in (matrices, totals))
-    # of the information matrix of each window, the mean of phi phi' over its finite rows
+    # eigenvalues of each window's information matrix, the mean of phi phi' over its finite rows
     values = np.linalg.eigvalsh(windows / np.maximum(weights, 1)[:, None, None])
     least, most = np.maximum(values[:, 0], 0.0), values[:, -1]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -68,21 +68,21 @@ class Finding:
     """One finding about a result."""
 
     gravity: str  # {"good", "warn", "bad"}
-    headline: str  # in a word or two
-    text: str  # in whole sentences
-    shape: str = "?"  # a character that tells a verdict at a terminal without its colour
-    usable: bool = True  # False where the model must not be used for anything
-    more: tuple[str, ...] = ()  # further sentences, that are read after the others
+    headline: str  # one or two words
+    text: str  # whole sentences
+    shape: str = "?"  # a character for a verdict at a terminal, in addition to its colour
+    usable: bool = True  # False if the model must not be used for anything
+    more: tuple[str, ...] = ()  # further sentences, for details
 
 
-#: By status, no more than the status says: how far a model is off stands in the reasons.
+#: The texts by status; the reasons of a verdict state how large the error of a model is.
 VERDICTS = {
     "trusted": Finding(GOOD, "Trusted", "No test speaks against the model.", "●"),
     "converging": Finding(WARN, "Still converging", "The samples do not determine the model well enough yet.", "◐"),
     "not excited": Finding(
         BAD, "Not excited", "The input does not determine every parameter: do not use this model.", "○", usable=False
     ),
-    # of a model with nearly the fit of a trusted one, too: by how much it is off, the reasons say
+    # also for a model with nearly the fit of a trusted one: the reasons state the size of the error
     "inconsistent": Finding(BAD, "Inconsistent", "The samples contradict the model: the reasons say by how much.", "▲"),
     "diverged": Finding(BAD, "Diverged", "This is the last finite estimate: do not use it.", "✕", usable=False),
     "unknown": Finding(WARN, "Unknown", "The model cannot be judged at present."),
@@ -90,7 +90,7 @@ VERDICTS = {
 
 
 def words_of(status: str) -> Finding:
-    """Return the words of a verdict; of a status that is not known, itself as a warning."""
+    """Return the texts of a verdict; an unknown status is a warning with the status as headline."""
     return VERDICTS.get(status, Finding(WARN, status.capitalize(), ""))
 
 
@@ -99,17 +99,17 @@ def colour_of(status: str) -> str:
     return COLOURS[words_of(status).gravity]
 
 
-FEW_SAMPLES = 10  # samples for each parameter below which a record is called short [samples]
-MANY_REJECTED = 0.01  # share of rejected samples that is mentioned as many [share of samples]
+FEW_SAMPLES = 10  # samples per parameter below which a record is called too short [samples]
+MANY_REJECTED = 0.01  # share of rejected samples that is reported as a finding [share of samples]
 
 
 def without_reasons(status: str, *, excited: bool) -> str:
-    """Return a verdict for a place that does not show its reasons: a trusted model says there that the input rests."""
+    """Return a verdict for a place without reasons: "trusted" then also states a lack of excitation."""
     return f"{status}, not excited" if status == "trusted" and not excited else status
 
 
 def findings(result: Result | RowFit, total: int) -> list[Finding]:
-    """Return the findings about a result, of one input or several, from ``total`` samples, the gravest first."""
+    """Return the findings on a result of one or several inputs, from ``total`` samples, the gravest first."""
     found, few, rejected = _of_verdict(result), FEW_SAMPLES * result.parameters.size, sum(result.rejected.values())
     if 0 < result.samples < few:
         count = f"{result.samples} sample{'s' if result.samples > 1 else ''}"
@@ -134,12 +134,12 @@ def _of_verdict(result: Result | RowFit) -> list[Finding]:
         why = "Every sample was rejected" if any(result.rejected.values()) else "The record is empty"
         return [Finding(BAD, "No sample used", f"{why}: there is nothing to identify a model from.", usable=False)]
     if status != "diverged" and result.samples < FEW_SAMPLES * result.parameters.size:
-        return []  # of so few samples the verdict is meaningless: `findings` says that they are few
+        return []  # the verdict on so few samples is meaningless: `findings` reports that they are too few
     said = [*map(_sentence, reasons)]
     return [replace(words, text=" ".join([words.text, *said[:1]]).strip(), more=tuple(said[1:]))]
 
 
 def _sentence(reason: str) -> str:
-    """Return a verdict's reason as a sentence, with long numbers as the report writes them."""
+    """Return a verdict's reason as a sentence, with long numbers in the format of the report."""
     reason = re.sub(r"-?\d{7,}(\.\d+)?|-?\d(\.\d+)?e[+-]\d+|-?\binf\b", lambda found: number(float(found[0])), reason)
     return reason[:1].upper() + reason[1:].rstrip(".") + "."

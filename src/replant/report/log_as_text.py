@@ -1,4 +1,4 @@
-"""What is in a log: as a JSON object, and as tables for the terminal."""
+"""The inspection of a log as a JSON object, and as text for the terminal."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from replant.plotting.numbers import duration, interval, wrapped
 from replant.verdict.evidence import COPY, is_copy
 from replant.verdict.verdict import percent as share
 
-FEW = 8  # different values up to which their number is shown [count]
-LISTED = 30  # columns that the table shows [count]
-STEADY = 1e-3  # jitter below which it is not worth a number [part of dt]
+FEW = 8  # most different values whose number is shown, and most columns of other lengths or problems listed [count]
+LISTED = 30  # most columns in the table [count]
+STEADY = 1e-3  # largest jitter of a clock that is called regular [part of dt]
 INDENT = 11  # indent of the text below the table [columns]
 NOTHING = "-"
 HEADINGS = ("column", "type", "min", "max", "missing", "smallest step", "looks like")
@@ -35,7 +35,7 @@ def command_of(found: Inspection) -> str:
 
 
 def as_json(found: Inspection) -> dict[str, Any]:
-    """Return the JSON object of `look`; figures that are not known are null."""
+    """Return the JSON object of `look`; unknown figures are null."""
     clock, seen = found.clock, found.response
     roles = {name: {"column": role.column.name, "why": role.why} for name, role in _roles(found).items()}
     dt = math.nan if clock is None else clock.dt
@@ -114,7 +114,7 @@ def print_look(console: Any, found: Inspection) -> None:
 
 
 def print_findings(console: Any, found: Inspection) -> None:
-    """Print the same without the command."""
+    """Print columns, clock and guesses."""
     rows = _counted(found.rows, "row")
     if not found.contents.whole:
         rows = f"the first {found.rows:,} of about {max(found.rows, found.table.approximate_rows):,} rows"
@@ -130,7 +130,7 @@ def print_findings(console: Any, found: Inspection) -> None:
 
 
 def _counted(count: int, what: str) -> str:
-    """Return a number of things."""
+    """Return a count with its noun, in the plural if needed."""
     return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
@@ -139,7 +139,7 @@ def _say(console: Any, text: str) -> None:
 
 
 def _lines_of_table(found: Inspection) -> list[str]:
-    """Return the table's lines, as wide as they are: a command needs the names in one piece."""
+    """Return the table's lines, never wrapped: names must stay in one piece for use in commands."""
     rows = [HEADINGS]
     for column in found.record[:LISTED]:
         low, high = (NOTHING if math.isnan(value) else f"{value:.6g}" for value in (column.low, column.high))
@@ -165,7 +165,7 @@ def _resolution(column: Column) -> str:
 
 
 def _other_columns(found: Inspection) -> Iterator[str]:
-    """Yield what is to be said of columns that the table leaves out, and of those that are no numbers."""
+    """Yield lines on columns that the table leaves out, and on columns without numbers."""
     if len(found.record) > LISTED:
         yield f"... and {len(found.record) - LISTED} more columns of this length"
     others = [column for column in found.contents.columns if column not in found.record]
@@ -178,23 +178,23 @@ def _other_columns(found: Inspection) -> Iterator[str]:
 
 
 def findings_of(found: Inspection) -> Iterator[tuple[str, str]]:
-    """Yield what is to be said of clock, columns and response, each with its heading; empty where it goes on."""
+    """Yield findings on clock, roles and response with their headings; a continued finding has an empty heading."""
     yield from _clock_findings(found)
     roles = found.roles
     for name, role in _roles(found).items():
         guess = role.why if role.why == "as given" else f"a guess, from: {role.why}"
         yield name.capitalize(), f"{role.column.name} ({guess})"
     if roles.input is None or roles.output is None:
-        yield "Input", "no two columns of numbers that change: no input and output can be told"
+        yield "Input", "fewer than two columns of changing numbers: there is no input and output"
         return
     if roles.either:
-        yield "", "Input and output may as well be the other way round: say which is which by -i and -o."
+        yield "", "Input and output could equally be exchanged: name them with -i and -o."
     if roles.answers and roles.reference is None:
         follows = "The input also follows the output, as under a controller"
         yield "", f"{follows}: if there is one, give its set-point as --reference."
     yield "Response", _response(found)
     for heading, other in zip(["Others"] + [""] * len(found.others), found.others, strict=False):
-        what = f"of what a model of one pole leaves, column {other.name} explains {share(min(other.left, 1.0))}"
+        what = f"column {other.name} explains {share(min(other.left, 1.0))} of the residual of a model with one pole"
         yield heading, f"{what}: it seems to move {roles.output.column.name}, too."
 
 
@@ -250,7 +250,7 @@ def _response(found: Inspection) -> str:
             f"one pole explains the output to {share(first.fit / 100.0)}"
         )
     if seen is None:
-        return f"no response of {pair} stands out in the cross-correlation, nor does a model of one pole explain it"
+        return f"no response of {pair} is significant: neither in the cross-correlation, nor with a model of one pole"
     dt = math.nan if found.clock is None else found.clock.dt
 
     def lag(samples: float) -> str:
@@ -258,7 +258,7 @@ def _response(found: Inspection) -> str:
 
     if seen.peak == 0:
         begins = (
-            "is in the same row: the input answers the output at once, as under a controller, or the output is "
+            "is in the same row: the input depends on the output of that row, as under a controller, or the output is "
             "recorded after the input has acted"
         )
     else:

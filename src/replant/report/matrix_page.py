@@ -1,4 +1,4 @@
-"""The report of several inputs and outputs: the matrix of transfer functions as one page that stands alone."""
+"""The report of several inputs and outputs: the matrix of transfer functions as one self-contained page."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from replant.report.panels import draw_poles_of, input_panel, model_panels, part
 from replant.report.result_page import drawn, reproduction, section, verdict_of, with_plots
 from replant.report.results_as_text import gain_and_times
 
-SAME = 1e-9  # part of a dead time that is rounding [part]
-SMALLEST = 2.6  # width of a picture of the matrix, at the least [inches]
+SAME = 1e-9  # part of a dead time that is a rounding error [part]
+SMALLEST = 2.6  # least width of a picture of the matrix [inches]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Output:
 
     @property
     def name(self) -> str:
-        """That of the output."""
+        """The name of the output."""
         return self.fitted.model.output_name
 
     @cached_property
@@ -55,7 +55,7 @@ class Output:
 
     @cached_property
     def residual(self) -> FloatArray:
-        """Measured minus simulated output (K,); NaN for samples that are left out, or answer to inputs before."""
+        """Measured minus simulated output (K,); NaN if left out, or if the sample depends on inputs before the log."""
         left, fitted = self.log.output - self.fitted.output, self.fitted
         left[np.concatenate([fitted.outliers, fitted.stuck])] = np.nan
         longest = max(each.delay for each in fitted.model.structures)
@@ -64,7 +64,7 @@ class Output:
 
     @cached_property
     def clock(self) -> Clock:
-        """When the samples were taken."""
+        """The times of the samples."""
         return Clock.of(self.log.dt, self.log.stamps)
 
     @property
@@ -74,7 +74,7 @@ class Output:
         return self.clock.at(np.maximum(rows - np.array([1.0, 0.0]), 0.0))
 
     def panels(self, which: str) -> list[Panel]:
-        """Return output, parts and residual over time; ``which`` tells several outputs of a page apart."""
+        """Return output, parts and residual over time; ``which`` distinguishes the outputs of a page."""
         whole = whole_record(self.clock, len(self.log), self.left_out)
         signals = [thin(each, POINTS) for each in (self.log.output, self.fitted.output, self.residual)]
         outputs, residual = model_panels(self.name, self.clock, signals, which, whole)
@@ -84,7 +84,7 @@ class Output:
 
     @cached_property
     def parts(self) -> FloatArray:
-        """What each input does to the output (K, q)."""
+        """The contribution of each input to the output (K, q)."""
         return self.fitted.model.contributions(self.log.inputs, self.log.stamps)
 
     @property
@@ -98,7 +98,7 @@ class Output:
 
     @cached_property
     def correlations(self) -> list[Correlations | None]:
-        """Of the residual with itself and with each input."""
+        """Correlations of the residual with itself and with each input."""
         return tables.correlated(self.residual, self.log.inputs.T, self.log, self.fitted.transfer_functions)
 
 
@@ -162,7 +162,7 @@ def save_figures(folder: Path, outputs: Sequence[Output]) -> list[Path]:
 
 
 def _matrix(outputs: Sequence[Output], cells: Iterable[str]) -> str:
-    """Return a cell for each pair of input and output: a row an output, a column an input."""
+    """Return a matrix of cells: one row for each output, one column for each input."""
     return f'<div class="panels" style="--columns:{len(outputs[0].pairs)}">{"".join(cells)}</div>'
 
 
@@ -212,8 +212,8 @@ def _of_fit(outputs: Sequence[Output]) -> str:
     fits = ", ".join(f"{each.name} {percent(each.fitted.fit)}" for each in outputs)
     return (
         "Measured output and the model's, simulated from the inputs alone with offset and initial states estimated; "
-        f"fit: {fits}. Below it what each input does, from rest at its first value, in deviations from the working "
-        "point."
+        f"fit: {fits}. Below it the contribution of each input, from rest at its first value, as a deviation from the "
+        "working point."
     )
 
 

@@ -1,7 +1,7 @@
-"""A page that stands alone: its frame and style, its pictures (SVG), and uPlot, which draws what can be zoomed.
+"""A self-contained page: its frame and style, its pictures (SVG), and uPlot for zoomable plots.
 
-uPlot belongs to the package but not to the repository: `hatch_build.py` fetches it when the package is built.  Where
-that failed, that of the package uplot-python is used.
+uPlot is part of the package but not of the repository: `hatch_build.py` fetches it when the package is built.  If that
+failed, the copy in the package uplot-python is used.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def uplot() -> tuple[str, str]:
     """Return uPlot's script and style sheet."""
     own = resources.files("replant.report").joinpath("assets", "uplot")
     places = [(own, OWN)]
-    spec = importlib.util.find_spec("uplot")  # need not be imported for its files
+    spec = importlib.util.find_spec("uplot")  # finds the files without an import
     places += [(Path(folder, "static"), UPLOT_PYTHON) for folder in (spec and spec.submodule_search_locations) or ()]
     for folder, names in places:
         library, css = (folder.joinpath(name) for name in names)
@@ -57,17 +57,17 @@ _ICONS = {  # they differ in shape as well as in colour
 }
 
 
-NO_BREAK = "\u00a0"  # a space at which a line may not end
+NO_BREAK = "\u00a0"  # no-break space
 
 
 class Html(str):
-    """Text that is HTML already; plain text is escaped."""
+    """Text that is already HTML; other text is escaped."""
 
     __slots__ = ()
 
 
 def words(text: str) -> Html:
-    r"""Return plain text as HTML without line breaks after a plus-minus sign or before a percent sign."""
+    r"""Return plain text as HTML, without line breaks after a plus-minus sign or before a percent sign."""
     return Html(html.escape(text.replace("± ", "±" + NO_BREAK).replace(" %", NO_BREAK + "%")))
 
 
@@ -78,13 +78,13 @@ def asset(name: str) -> str:
 
 
 def script(*names: str) -> str:
-    """Return modules of JavaScript as one script, those that others import first."""
+    """Return JavaScript modules as one script; ``names`` must list imported modules first."""
     text = re.sub(r"^import .*\n|^export (?=const|function)", "", "".join(map(asset, names)), flags=re.MULTILINE)
     return f'(() => {{\n"use strict";\n{text}}})();\n'
 
 
 def heading(title: str) -> str:
-    """Return an escaped title that may break after underscores: it is usually the name of a file."""
+    """Return an escaped title, usually a file name, that may break after underscores."""
     return html.escape(title).replace("_", "_<wbr>")
 
 
@@ -96,7 +96,7 @@ def filled(name: str, fields: Mapping[str, str]) -> str:
 def page(
     *, title: str, eyebrow: str, lede: str, body: str, css: str = "", data: Any = None, scripts: Sequence[str] = ()
 ) -> str:
-    """Return a page that stands alone: ``data`` are for its scripts, which follow in their order."""
+    """Return a self-contained page with ``data`` for its scripts."""
     parts = [text.replace("</script", "<\\/script") for text in scripts]
     told = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     given = f'<script type="application/json" id="data">{told}</script>\n' if scripts else ""
@@ -135,7 +135,7 @@ def section(name: str, *parts: str, anchor: str = "") -> str:
 
 
 def folded(name: str, content: str) -> str:
-    """Return what few readers look for, behind its name; printed, it is unfolded."""
+    """Return a section that is folded under its name; in print it is unfolded."""
     return f'<details class="fold"><summary><h2>{html.escape(name)}</h2></summary>{content}</details>'
 
 
@@ -151,7 +151,7 @@ def in_small(text: str) -> str:
 
 
 def key_figures(entries: Iterable[tuple[str, str]]) -> str:
-    """Return figures, each with what it is."""
+    """Return key figures with their names."""
     return "".join(f"<div><dd>{in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries)
 
 
@@ -176,9 +176,9 @@ def _escaped(cell: str) -> str:
 
 
 HALF, WHOLE = 4.5, 7.4  # half and whole width of the page [inches]
-MOST_TRANSIENTS = 6  # transients in a picture, so that each fits on a sheet of paper [count]
-PARAMETER_POINTS = 120_000  # points of all transients together [count]
-LARGEST = 3e38  # what float32 holds [number]
+MOST_TRANSIENTS = 6  # most transients in a picture, so that it fits on a sheet of paper [count]
+PARAMETER_POINTS = 120_000  # most points of all transients together [count]
+LARGEST = 3e38  # bound of float32 [number]
 HEIGHTS = {"output": 280, "input": 130, "residual": 140, "eigenvalue": 140, "condition": 140}  # of a chart [px]
 HEIGHT = 170  # of any other chart [px]
 
@@ -192,7 +192,7 @@ _LOOK: Any = {"svg.fonttype": "none", "font.size": 10.0, "axes.titlesize": 10.0,
 
 
 def look() -> Any:
-    """Return the matplotlib context in which the pictures of a page are made."""
+    """Return the matplotlib context for the pictures of a page."""
     import matplotlib as mpl
 
     return mpl.rc_context(_LOOK)
@@ -248,14 +248,14 @@ def _transients(drawn: Sequence[Panel], name: str, said: str) -> str:
 def picture(
     name: str, said: str, size: tuple[float, float], draw: Callable[[Any], object], rows: int = 1, **layout: Any
 ) -> str:
-    """Return what ``draw`` puts into an axis, or into several below each other, as an ``svg`` element."""
+    """Return as an ``svg`` element what ``draw`` draws into one axis or ``rows`` axes below each other."""
     axes = blank_figure(*size).subplots(rows, 1, sharex=True, squeeze=False, **layout)[:, 0]
     draw(axes if rows > 1 else axes[0])
     return svg(axes[0].figure, name, said)
 
 
 def charts_of(panels: Mapping[str, Sequence[Panel]]) -> dict[str, list[dict[str, Any]]]:
-    """Return the panels of each section as data for the browser; none of one that words stand in for."""
+    """Return the panels of each section as data for the browser; a section with an empty panel gives none."""
     found = {}
     for name, drawn in panels.items():
         few = any(panel.words or len(panel.curves[0].t) < (2 if panel.is_log else 0) for panel in drawn)
@@ -263,7 +263,7 @@ def charts_of(panels: Mapping[str, Sequence[Panel]]) -> dict[str, list[dict[str,
         points = max(200, PARAMETER_POINTS // max(size, 1)) if name == "parameters" else POINTS
         found[name] = [] if few else [_chart(panel, points) for panel in drawn]
     for chart in found.get("parameters", ())[1:]:
-        chart["quiet"] = True  # one legend serves all
+        chart["quiet"] = True  # without a legend: the first chart has it for all
     return found
 
 
@@ -286,7 +286,7 @@ def _chart(panel: Panel, points: int) -> dict[str, Any]:
 
 
 def _times(t: FloatArray) -> dict[str, Any]:
-    """Return when points are: evenly spaced ones in three numbers."""
+    """Return the times of points; evenly spaced ones as three numbers."""
     start, step = (float(t[0]) if t.size else 0.0), (float(t[1] - t[0]) if t.size > 1 else 1.0)
     even = {"start": start, "step": step, "count": t.size}
     if np.allclose(t, start + step * np.arange(t.size), rtol=0.0, atol=1e-3 * step):
@@ -301,7 +301,7 @@ def _entries(curve: Curve, panel: Panel, points: int) -> list[dict[str, Any]]:
     if curve.kind == "constant":
         return [entry | {"kind": "constant", "value": float(scaled(curve.values)[0])}]
     values = curve.values
-    if panel.limits:  # a canvas cannot draw farther than a hundred times the height of the panel
+    if panel.limits:  # a canvas cannot draw beyond about a hundred heights of the panel
         far = 100.0 * (panel.limits[1] - panel.limits[0])
         inside = np.clip(values, panel.limits[0] - far, panel.limits[1] + far)
         values = np.where(np.isfinite(values), inside, np.nan)
@@ -313,7 +313,7 @@ def _entries(curve: Curve, panel: Panel, points: int) -> list[dict[str, Any]]:
 
 
 def packed(values: FloatArray) -> dict[str, Any]:
-    """Return values (V,) as base64 of little-endian float32, and the offset that was taken off to keep their digits."""
+    """Return values (V,) as base64 of little-endian float32, and the offset subtracted to preserve their digits."""
     finite = values[np.isfinite(values)]
     offset = float(0.5 * finite.min() + 0.5 * finite.max()) if finite.size else 0.0
     if not abs(offset) < LARGEST:

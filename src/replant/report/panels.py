@@ -1,4 +1,4 @@
-"""What is drawn of a result, of several, of an excitation and of a log, as panels of curves; and of several models."""
+"""Results, excitation and logs as panels of curves over time; step responses and poles of several models."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from replant.plotting.over_time import POINTS, SHOWN, Curve, Panel, Thinned, con
 from replant.report.findings import Excitation
 from replant.verdict import WORST_CONDITION
 
-NO_EXCITATION, NO_CONDITION = 1e-12, 1e10  # least eigenvalue, largest condition that are no round-off [number]
-WIDEST = 1.5  # how far a panel reaches about the reference at the least [part of its size]
-LAST = 10  # of a record one in so many samples, the last ones, is drawn apart [samples]
-MOST = 12  # columns that are drawn [count]
+NO_EXCITATION, NO_CONDITION = 1e-12, 1e10  # least eigenvalue, largest condition number beyond round-off [number]
+WIDEST = 1.5  # least reach of a panel around the reference [part of its size]
+LAST = 10  # the last 1/N of a record gets its own panel [number]
+MOST = 12  # most columns that are drawn [count]
 
 
 def plant_input(result: Result, label: str) -> str:
-    """Return the label of the mapped input, the input of G(s); that of an offline fit is taken to be mapped already."""
+    """Return the label of the mapped input, the input of G(s); the label of an offline fit is already mapped."""
     return mapped_label(label, result.settings.preprocess.input_map if result.settings else "identity")
 
 
@@ -44,7 +44,7 @@ def fit_panels(
 
 
 def whole_record(clock: Clock, samples: int, left_out: FloatArray) -> dict[str, Any]:
-    """Return what the panels of a record share: its ends, what is left out and its gaps, in s."""
+    """Return the common fields of a record's panels: its ends, the stretches left out and the gaps, in s."""
     ends = (0.0, float(clock.at(max(1, samples - 1))))
     return {"ends": ends, "left_out": left_out, "gaps": clock.gaps.mean(axis=1)}
 
@@ -59,7 +59,7 @@ def input_panel(label: str, clock: Clock, u: Thinned, hold: str, name: str, whol
 def model_panels(
     label: str, clock: Clock, signals: Sequence[Thinned], number: str, whole: dict[str, Any]
 ) -> list[Panel]:
-    """Return output, model and residual in two panels; ``number`` tells several outputs of a page apart."""
+    """Return output, model and residual in two panels; ``number`` distinguishes the outputs of a page."""
     t = clock.at(signals[0].places)
     y, model, residual = (each.values for each in signals)
     outputs = [
@@ -75,7 +75,7 @@ def model_panels(
 
 
 def part_panel(label: str, t: FloatArray, parts: Mapping[str, FloatArray], number: str, whole: dict[str, Any]) -> Panel:
-    """Return what each input does to an output, by the names of the inputs."""
+    """Return the contribution of each input to an output, by the names of the inputs."""
     curves = [
         Curve(t, part, name, colour, width=1.1, dashes=dashes)
         for (name, part), (colour, dashes) in zip(parts.items(), style.LINES, strict=False)
@@ -85,7 +85,7 @@ def part_panel(label: str, t: FloatArray, parts: Mapping[str, FloatArray], numbe
 
 
 def first_estimate(history: History) -> int:
-    """Return the first row with an estimate: during start-up, rows are zero."""
+    """Return the first row with an estimate: rows of the start-up are zero."""
     moved = (history.parameters != 0.0).any(axis=1)
     return int(moved.argmax()) if moved.any() else history.samples.size
 
@@ -126,7 +126,7 @@ def estimate_panels(
 def overlay_panels(
     results: Mapping[str, Result], dt: float, reference: str, input_label: str, output_label: str
 ) -> list[Panel]:
-    """Return the estimates of several methods; that of the reference sets the limits."""
+    """Return the estimates of several methods; the reference sets the limits."""
     chosen = results[reference]
     longest = max(result.simulation.output.size for result in results.values())
     end = float(chosen.clock_of(dt).at(max(1, longest - 1)))
@@ -144,14 +144,14 @@ def _estimate(result: Result, i: int, dt: float, end: float, name: str, colour: 
     look: Any = {"label": name, "colour": colour, "dashes": dashes}
     if history is None:
         return constant(last, **look)
-    if first_estimate(history) == history.samples.size:  # only the solution at the end
+    if first_estimate(history) == history.samples.size:  # only an estimate at the end
         return Curve(np.full(1, end), np.full(1, last), kind="dot", **look)
     std = None if history.std is None else history.std[:, i]
     return Curve(result.clock_of(dt).after(history.samples), estimates(history)[:, i], std=std, **look)
 
 
 def limits(others: Sequence[Result], reference: Result, i: int) -> tuple[float, float]:
-    """Return the limits of a panel: the reference is shown completely, the others as far as they stay near it."""
+    """Return the limits of a panel: they show the reference completely, and the others as far as these stay near it."""
     low, high = _settled(reference, i)
     middle = float(reference.parameters[i])
     ends = [abs(float(other.parameters[i]) - middle) for other in others]
@@ -203,7 +203,7 @@ def excitation_panels(found: Excitation | None, clock: Clock) -> list[Panel]:
 
 
 def column_panels(found: Inspection) -> list[Panel]:
-    """Return columns of numbers over time, or over samples where there is no time: input, output, reference, others."""
+    """Return numeric columns over time, or over samples without a clock: input, output, reference, then others."""
     clock, roles = found.clock, found.roles
     dt = 1.0 if clock is None or math.isnan(clock.dt) else clock.dt
     named = ((roles.input, style.INPUT), (roles.output, style.MEASURED), (roles.reference, style.TRUTH))

@@ -1,4 +1,4 @@
-"""The Python programs that make the models of a report again."""
+"""The Python programs that reproduce the models of a report."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def fit_as_python(fitted: FitResult, logs: Sequence[Log]) -> str:
 
 
 def row_as_python(model: RowModel, logs: Sequence[Log], startup: int | None = None) -> str:
-    """Return the Python program that fits a row to logs; with ``startup`` that of one pass over a log."""
+    """Return the Python program that fits a row to logs, or with ``startup`` identifies it in one pass over a log."""
     each = model.structures
     orders = ", ".join(f"{name}={tuple(getattr(one, name) for one in each)!r}" for name in ("poles", "zeros", "delay"))
     log, several = logs[0], len(logs) > 1
@@ -80,7 +80,7 @@ def row_as_python(model: RowModel, logs: Sequence[Log], startup: int | None = No
 
 
 def _given(log: Log, reference: str) -> list[str]:
-    """Return the arguments that hand over signals, the stamps of an irregular clock, and references, where they are."""
+    """Return the arguments for the signals and, if present, the stamps of an irregular clock and references."""
     is_read = bool(log.path.name)
     found = ["log.input, log.output" if is_read else "u, y"]
     if log.stamps is not None:
@@ -92,7 +92,7 @@ def _given(log: Log, reference: str) -> list[str]:
 
 
 def _opened(logs: Sequence[Log]) -> str:
-    """Return the begin of a program, which reads a log, or several, a line each."""
+    """Return the start of a program, which reads one log or several."""
     log = logs[0]
     if not log.path.name:
         arrays = ["u", "y", *(["t"] if log.stamps is not None else []), *(["r"] if log.reference_name else [])]
@@ -115,7 +115,7 @@ def _read(log: Log) -> str:
 
 
 def _broken(name: str, value: Any) -> list[str]:
-    """Return an argument as one line, or one line for each of its own arguments if that is too long."""
+    """Return an argument as one line, or, if that is too long, one line for each of its own arguments."""
     line = f"    {name}=rp.{_call(value)},"
     if len(line) <= WIDEST:
         return [line]
@@ -123,7 +123,7 @@ def _broken(name: str, value: Any) -> list[str]:
 
 
 def _call(value: Any) -> str:
-    """Return a frozen dataclass as the call that makes it, defaults left out."""
+    """Return the call that makes a frozen dataclass, without defaults."""
     return f"{type(value).__name__}({', '.join(_arguments(value))})"
 
 

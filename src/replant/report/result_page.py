@@ -1,4 +1,4 @@
-"""The report of a result as one HTML page that stands alone."""
+"""The report of a result as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ HEADINGS = ("log", "simulated", "one step", "offset", "residual beyond its limit
 
 
 def section(validations: Sequence[tuple[str, Validation]]) -> str:
-    """Return the section; empty without another log."""
+    """Return the section on validations by other logs; empty without one."""
     rows, pictures = [], []
     for place, (name, found) in enumerate(validations):
         (auto, cross), worst = found.outside, None if found.by_frequency is None else found.by_frequency.worst
@@ -51,7 +51,7 @@ def section(validations: Sequence[tuple[str, Validation]]) -> str:
 NO_MODEL = "<p>G(s) could not be estimated.</p>"
 DO_NOT_USE = '<p class="note">Do not use this model: see the verdict above.</p>'
 CONTRADICTED = '<p class="note">The samples contradict this model: see the verdict above.</p>'
-BESIDE = 3  # poles up to which G(s) is short enough to stand beside the figures [count]
+BESIDE = 3  # most poles of a G(s) that is short enough to be beside the key figures [count]
 
 
 def write_report(
@@ -76,7 +76,7 @@ def write_report(
         python = python or run_as_python(result, log)
     material, found = Material(result, log, filter, preprocess or Preprocess(), truth), findings(result, len(log))
     note = CONTRADICTED if found[0].gravity == BAD else ""
-    with page.look(), np.errstate(all="ignore"):  # figures that are not finite are reported in words
+    with page.look(), np.errstate(all="ignore"):  # values that are not finite are reported as text
         plots = page.charts_of(material.panels)
         fields = {
             "verdict": verdict_of(found, advice),
@@ -98,7 +98,7 @@ def write_report(
 
 
 def with_plots(path: Path, template: str, fields: dict[str, str], plots: Any, *, title: str, lede: str) -> Path:
-    """Write a report from its template, with the data of its plots and the scripts that draw them."""
+    """Write a report from its template, with the data of its plots and the scripts for them."""
     library, css = page.uplot()
     return page.write_page(
         path, title=title, eyebrow="Identified model", lede=lede, body=page.filled(template, fields), css=css,
@@ -107,7 +107,7 @@ def with_plots(path: Path, template: str, fields: dict[str, str], plots: Any, *,
 
 
 def candidates_of(found: SearchResult) -> str:
-    """Return the table of a search, folded, and what is to be said of the rest."""
+    """Return the folded table of a search, with a note on the candidates that it omits."""
     tried = page.table(results_as_text.HEADINGS, results_as_text.rows_of(found), "Structures tried", "table wide")
     rest = f'<p class="note">{page.words(found.rest)}</p>' if found.rest else ""
     return page.folded("Structures tried", tried + rest)
@@ -146,7 +146,7 @@ def _pictures(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
 
 
 def drawn(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
-    """Return a figure: static pictures and, if there are plots, elements that the script draws zoomable ones into."""
+    """Return a figure: static pictures and, if there are plots, elements for the zoomable ones."""
     columns = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
     live = f'<div class="live{columns}">{"".join(map(_room, plots))}</div>' if plots else ""
     kind = ' class="both"' if plots else ""
@@ -181,9 +181,9 @@ def _method(settings: Settings) -> str:
 
 
 def verdict_of(found: Sequence[Finding], advice: tuple[str, str] | None, of: str = "") -> str:
-    """Return whether a model, or a row ``of`` an output, may be used, what to do next, and the reasons."""
+    """Return the verdict: whether a model, or the row ``of`` an output, may be used, the advice, and the reasons."""
     first = found[0]
-    # of a trusted model the warnings are read behind that, but colour it
+    # for a trusted model the verdict comes before the warnings, but they give it their colour
     lead = next((each for each in found if each.gravity == GOOD), first) if first.gravity == WARN else first
     others = [each for each in found if each is not lead]
     more = "".join(
@@ -222,6 +222,6 @@ def _figures(material: Material) -> str:
 
 
 def reproduction(command: str, python: str) -> str:
-    """Return the command and the program that make a result again."""
+    """Return the command and the program that reproduce a result."""
     parts = [("In a shell", "shell", command), ("In Python", "python", python)]
     return "".join(f"<h3>{name}</h3>{page.code(kind, text)}" for name, kind, text in parts if text)

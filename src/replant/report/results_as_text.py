@@ -1,4 +1,4 @@
-"""Results, models, methods compared, structures tried, validations: as tables for the terminal, and as JSON."""
+"""Results, models, comparisons, structure searches and validations as tables for the terminal, and as JSON."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from replant.report.findings import BAD, COLOURS, GOOD, colour_of, findings, wit
 from replant.verdict.verdict import Verdict
 from replant.verdict.verdict import percent as share
 
-INDENT = 9  # indent of what stands behind a heading [columns]
+INDENT = 9  # width of a heading; the text after it is indented by this [columns]
 
 
 def as_json(result: Result) -> dict[str, Any]:
-    """Return the JSON object of `run` and `fit`: that of the model, how long it took, and an irregular clock."""
+    """Return the JSON object of `run` and `fit`: the model's, with the elapsed time and the clock if known."""
     found = model_json.as_object(result.model) | {"elapsed_seconds": round(result.elapsed, 3)}
     if result.clock is not None:
         shortest, longest = map(finite, (result.clock.shortest, result.clock.longest))
@@ -48,7 +48,7 @@ def as_json(result: Result) -> dict[str, Any]:
 
 
 def record_line(samples: int, dt: float, seconds: float) -> str:
-    """Return the size of a record in words: number of samples, sampling time and length, both in s."""
+    """Return the size of a record as text; ``dt`` and ``seconds`` are its sampling time and duration in s."""
     return f"{samples:,} samples, dt {interval(dt)}, {duration(seconds)}"
 
 
@@ -73,7 +73,7 @@ def print_result(
 
 
 def print_kept_model(console: Any, model: Model) -> None:
-    """Print a model that was kept: G(s), coefficients, poles, fit, verdict, and where it comes from."""
+    """Print a saved model: G(s), coefficients, poles, fit, verdict, and its origin."""
     console.print()
     _print_model(console, model, None)
     _say(console, "Fit", _fits(model.simulated_fit, "simulated", model.one_step_fit))
@@ -86,7 +86,7 @@ def print_kept_model(console: Any, model: Model) -> None:
 
 
 def print_row(console: Any, model: RowModel, *, record: str = "") -> None:
-    """Print each G(s), gains, time constants, coefficients, fit and verdict; without a record, where it comes from."""
+    """Print each G(s), gains, time constants, coefficients, fit and verdict; without a record also the origin."""
     console.print()
     coefficients, gains = [], []
     for number, name in enumerate(model.input_names):
@@ -114,7 +114,7 @@ def print_row(console: Any, model: RowModel, *, record: str = "") -> None:
 
 
 def print_verdict(console: Any, verdict: Verdict, lead: str = "") -> None:
-    """Print a verdict's status in its colour and what to do by it, and its reasons below."""
+    """Print a verdict's status in its colour with the advice ``lead``, and its reasons below."""
     from rich.text import Text
 
     status = Text("Verdict  ").append(verdict.status, f"bold {colour_of(verdict.status)}")
@@ -125,7 +125,7 @@ def print_verdict(console: Any, verdict: Verdict, lead: str = "") -> None:
 
 
 def _say(console: Any, heading: str, text: str) -> None:
-    """Print a text behind its heading; nothing where there is none."""
+    """Print a text after its heading; print nothing if the text is empty."""
     if text:
         console.print(f"{heading:{INDENT}}{text}", highlight=False, markup=False)
 
@@ -159,7 +159,7 @@ def _print_model(console: Any, model: Model, truth: TransferFunction | None) -> 
     rows = []
     for mode, (frequency, damping, time) in zip(model.transfer_function.modes, modes_of(model, with_std), strict=True):
         pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
-        damping = damping if mode.pole.imag else f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
+        damping = damping if mode.pole.imag else f"{mode.damping:.3g}"  # a real pole's damping is exactly 1 or -1
         rows.append([pole, frequency, damping, time])
     console.print(table(POLE, rows))
     console.print()
@@ -175,12 +175,12 @@ def table(
     bold: Callable[[Any], bool] = lambda row: False,
     no_wrap: bool = False,
 ) -> Any:
-    """Return a table whose columns are flush right, but for those in ``left``; text is shown to the letter."""
+    """Return a table with right-aligned columns, except those in ``left``; text is not parsed as markup."""
     from rich.table import Table
     from rich.text import Text
 
     shown = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0))
-    for k, heading in enumerate(headings):  # as Text: rich would take "[s]" for a style
+    for k, heading in enumerate(headings):  # as Text: rich would read "[s]" as markup
         shown.add_column(Text(heading), justify="left" if k in left else "right", no_wrap=no_wrap)
     for row in rows:
         cells = (Text(cell) if isinstance(cell, str) else cell for cell in row)
@@ -196,7 +196,7 @@ def parameter_table(
     heading: str = "identified",
     digits: int = 4,
 ) -> Any:
-    """Return the table of coefficients, with standard deviations, and true values of a plant of the same structure."""
+    """Return the table of coefficients, with standard deviations, and true values if the plant has this structure."""
     columns = {"coefficient": list(names), heading: [f"{value:.{digits}g}" for value in values]}
     if std is not None:
         columns["std"] = [*map(std_alone, std)]
@@ -209,11 +209,11 @@ def parameter_table(
 
 
 POLE = ("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
-Write = Callable[[float, float | None], str]  # a figure with its standard deviation, as a page or a terminal has it
+Write = Callable[[float, float | None], str]  # formats a figure with its standard deviation, for a page or a terminal
 
 
 def stds_of(model: Model) -> list[float | None]:
-    """Return the standard deviation of each coefficient; None where it is not known."""
+    """Return the standard deviation of each coefficient; None if it is unknown."""
     return [None] * model.parameters.size if model.uncertainty is None else [*model.uncertainty.std.tolist()]
 
 
@@ -237,7 +237,7 @@ def gain_and_times(model: Model, write: Write) -> tuple[str, list[str]]:
 
 
 OUTCOME = ("verdict", "simulated", "one step", "time")
-VERDICT = 1 + OUTCOME.index("verdict")  # its column, behind the method's
+VERDICT = 1 + OUTCOME.index("verdict")  # number of its column; the method's is 0
 GAP = 2  # spaces between columns of the terminal's table [columns]
 
 
@@ -264,12 +264,12 @@ def cells_of(entry: Contender, size: int) -> list[str]:
 
 
 def gravity_of(entry: Contender, samples: int) -> str:
-    """Return the gravity of the gravest finding about a method's model, see `Finding.gravity`."""
+    """Return the gravity of the gravest finding on a method's model, see `Finding.gravity`."""
     return BAD if entry.result is None else findings(entry.result, samples)[0].gravity
 
 
 def print_comparison(console: Any, contenders: Sequence[Contender], structure: Structure, samples: int) -> None:
-    """Print a row for each method, that of the best simulated fit in bold; on a narrow terminal in several blocks."""
+    """Print a row for each method, the best simulated fit in bold; a narrow terminal gets several blocks."""
     from rich.cells import cell_len
     from rich.text import Text
 
@@ -296,7 +296,7 @@ def print_comparison(console: Any, contenders: Sequence[Contender], structure: S
 
 
 def _aligned(cells: Sequence[str]) -> list[str]:
-    """Return the cells of a right-aligned column with their plus-minus signs below each other."""
+    """Return the cells of a right-aligned column with aligned plus-minus signs."""
     parts = [cell.partition(" ± ") for cell in cells]
     width = max(len(std) for _, _, std in parts)
     if width == 0:
@@ -305,7 +305,7 @@ def _aligned(cells: Sequence[str]) -> list[str]:
 
 
 def _blocks(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Return the columns of each block: all in one if they fit, else the outcome first, then as many as fit."""
+    """Return the columns of each block: all in one if they fit; else the outcomes first, then as many as fit."""
     if sum(widths) + GAP * (len(widths) - 1) <= room:
         return [list(range(len(widths)))]
     blocks = [list(range(len(OUTCOME) + 1)), [0]]
@@ -321,7 +321,7 @@ CHOSEN = "chosen"
 
 
 def rows_of(found: SearchResult) -> list[tuple[str, ...]]:
-    """Return a row for each structure worth reading, its evidence beside the most; the chosen one is marked."""
+    """Return a row for each likely structure, with its evidence relative to the likeliest; the chosen one is marked."""
     rows: list[tuple[str, ...]] = []
     for candidate in found.likely:
         size = (candidate.of_inputs("poles"), candidate.of_inputs("zeros"), f"{candidate.of_inputs('delay')} s")
@@ -333,7 +333,7 @@ def rows_of(found: SearchResult) -> list[tuple[str, ...]]:
 
 
 def candidates_as_json(found: SearchResult) -> list[dict[str, Any]]:
-    """Return an object of JSON for each structure; figures that are not finite become null."""
+    """Return a JSON object for each structure; values that are not finite become null."""
     objects = []
     for candidate in found.candidates:
         orders: dict[str, Any] = _orders(candidate.structures[0])
@@ -345,7 +345,7 @@ def candidates_as_json(found: SearchResult) -> list[dict[str, Any]]:
 
 
 def weights_in_words(result: Result) -> str:
-    """Return a line on structures that learned side by side, and one on which of them was served, and since when."""
+    """Return a line on the weights of structures that learned in parallel, and one on which was used from when."""
 
     def in_words(structure: Structure) -> str:
         delay = f" {structure.delay:g} s" if structure.delay else ""
@@ -357,7 +357,7 @@ def weights_in_words(result: Result) -> str:
 
 
 def weights_as_json(result: Result) -> dict[str, Any]:
-    """Return what JSON has of structures that learned side by side."""
+    """Return the JSON object of structures that learned in parallel."""
     return {
         "structures": [_orders(structure) | {"weight": weight} for structure, weight in result.weights],
         "leads": [
@@ -372,7 +372,7 @@ def _orders(structure: Structure) -> dict[str, Any]:
 
 
 def print_candidates(console: Any, found: SearchResult) -> None:
-    """Print the table, and the dead time where it lies between the points of the grid."""
+    """Print the table of candidates, and the dead time if it lies between points of the grid."""
     console.print(table(HEADINGS, rows_of(found), bold=lambda row: row[-1] == CHOSEN))
     if found.rest:
         console.print(found.rest, highlight=False)
@@ -384,7 +384,7 @@ def print_candidates(console: Any, found: SearchResult) -> None:
 
 
 def validation_as_json(validation: Validation, source: str) -> dict[str, Any]:
-    """Return the JSON object of a validation; figures that are not known become null."""
+    """Return the JSON object of a validation; unknown figures become null."""
     auto, cross = validation.outside
     by_frequency = validation.by_frequency
     return {
@@ -399,7 +399,7 @@ def validation_as_json(validation: Validation, source: str) -> dict[str, Any]:
 
 
 def print_validation(console: Any, validation: Validation, source: str) -> None:
-    """Print a validation: fits, offset, tests of the residual, and the verdict in words."""
+    """Print a validation: fits, offset, tests of the residual, and the verdict."""
     console.print(f"\nOn {source}", highlight=False, markup=False, style="bold")
     _say(console, "Fit", _fits(validation.fit, validation.how, validation.one_step))
     if math.isfinite(validation.offset):
@@ -407,7 +407,7 @@ def print_validation(console: Any, validation: Validation, source: str) -> None:
     auto, cross = validation.outside
     if math.isfinite(auto):
         outside = f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input"
-        usual = "of a right model 5 % on average"
+        usual = "on average 5 % for a correct model"
         console.print(f"Residual correlated beyond the 95 % limit: {outside} ({usual})", highlight=False)
     if validation.by_frequency is not None:
         worst = validation.by_frequency.worst
