@@ -1,1 +1,1 @@
-"""The workbench: a local page on which recorded logs are looked at, cut, fitted and compared."""
+"""The workbench: a local page to inspect, cut, fit and compare recorded logs and models."""

@@ -1,4 +1,4 @@
-"""The workbench: opens logs or a session, and serves their page, what it asks for and what it does, until Ctrl-C."""
+"""The workbench: opens logs or a session, and serves their page with its requests and actions until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from replant.workbench.model_cards import Card, judged
 from replant.workbench.opened_log import with_role
 from replant.workbench.session import SUFFIX, Session, folder, newest_session, read, session_of, token
 
-POINTS = 1200  # places in time of a curve, unless the page asks for fewer [count]
-MOST_POINTS = 4000  # the same at the most [count]
-LONGEST_NAME = 120  # name of a file that is dropped [characters]
+POINTS = 1200  # default number of points of a curve [count]
+MOST_POINTS = 4000  # most points of a curve that the page may request [count]
+LONGEST_NAME = 120  # longest name of a dropped file [characters]
 
 Asked = dict[str, str]
 
@@ -54,7 +54,7 @@ def _between(asked: Asked) -> tuple[float, float] | None:
     except ValueError:
         raise InvalidArgumentError("from and to must be times in s") from None
     if not (math.isfinite(begin) and math.isfinite(end) and begin < end):
-        raise InvalidArgumentError("from and to must be times in s, the one before the other")
+        raise InvalidArgumentError("from and to must be times in s, and from must be before to")
     return begin, end
 
 
@@ -64,14 +64,14 @@ def signals(session: Session, asked: Asked) -> dict[str, Any]:
 
 
 def conditioned(session: Session, asked: Asked) -> dict[str, Any]:
-    """Return input and output as they are identified."""
+    """Return the conditioned input and output."""
     log = session.log(asked.get("log", ""))
     log.setup.check()
     return session.work.do(tasks.conditioned, str(log.path), log.setup, log.modified, _between(asked), _points(asked))
 
 
 def compared(session: Session, asked: Asked) -> dict[str, Any]:
-    """Return the models that are chosen beside the measured output of a part of a log."""
+    """Return the outputs of the compared models, and the measured output, for a part of a log."""
     log = session.log(asked.get("log", ""))
     log.setup.check()
     models = _models(session)
@@ -83,18 +83,18 @@ def compared(session: Session, asked: Asked) -> dict[str, Any]:
     for name, each in found["models"].items():
         card = session.card(name)
         is_unseen = card.path != log.path or part in card.setup.validate_on
-        if "verdict" in each:  # on what it was made from, that of its making: a validation takes samples for others
+        if "verdict" in each:  # on its own samples a model keeps its verdict: a validation assumes unseen samples
             each["verdict"] = judged(each["verdict"] if is_unseen else card.found["verdict"])
     return found
 
 
 def responses(session: Session, _: Asked) -> dict[str, Any]:
-    """Return the responses of the models that are chosen."""
+    """Return the responses of the compared models."""
     return session.work.do(tasks.responses, _models(session))
 
 
 def _models(session: Session) -> dict[str, str]:
-    """Return the models that are compared, as their files hold them."""
+    """Return the contents of the compared models' files."""
     cards = [session.card(name) for name in session.compared]
     return {card.name: card.model for card in cards if card.model}
 
@@ -108,7 +108,7 @@ ASKED: dict[str, Callable[[Session, Asked], dict[str, Any]]] = {
 
 
 def report_of(card: Card) -> bytes:
-    """Return the report of a card, which its command writes."""
+    """Return the report of a card, written by its command."""
     with tempfile.TemporaryDirectory(prefix="replant-report-") as folder:
         done = subprocess.run(
             [sys.executable, "-m", "replant", *card.words, "--quiet", "--json", "--out", folder],
@@ -121,11 +121,11 @@ def report_of(card: Card) -> bytes:
 
 
 def opened_file(session: Session, dropped: Path) -> str:
-    """Open a file that was dropped on the page, a log or the file of a session; return the name of the log shown."""
+    """Open a log or a session's file that was dropped on the page; return the name of the active log."""
     if dropped.suffix == SUFFIX:
         session.restore(read(dropped, dropped.name), dropped.name)
         return session.active
-    # it is the file of that name in the working folder, or a copy of it is kept
+    # use the equal file of that name in the working folder, or else keep the copy
     named, known = Path.cwd() / dropped.name, digest(dropped)
     if not (named.is_file() and named.stat().st_size == dropped.stat().st_size and digest(named) == known):
         named = folder("logs") / known[:16] / dropped.name
@@ -135,10 +135,10 @@ def opened_file(session: Session, dropped: Path) -> str:
 
 
 def _safe(name: str) -> str:
-    """Return the name of a dropped file without a folder; raises where it is none."""
+    """Return the name of a dropped file without its folder; raise if it is not a valid name."""
     name = name.replace("\\", "/").rpartition("/")[2]
     if not name or name.startswith(".") or not name.isprintable() or len(name) > LONGEST_NAME:
-        raise InvalidArgumentError(f"{shown(name)} is no name for a log: rename the file, with a suffix such as .csv")
+        raise InvalidArgumentError(f"{shown(name)} is not a name of a log: rename the file, with a suffix such as .csv")
     return name
 
 
@@ -201,7 +201,7 @@ ACTIONS: dict[str, Callable[[Session, Given], Given | None]] = {
 }
 
 
-PERIOD = 2.0  # time between two looks at whether a log has changed [s]
+PERIOD = 2.0  # time between two checks whether a log has changed [s]
 
 
 def start(logs: Sequence[Path], host: str, port: int) -> None:
@@ -249,7 +249,7 @@ def opened(logs: Sequence[Path], host: str = "127.0.0.1", port: int = 0) -> Iter
 
 
 def _served(session: Session, hub: Hub, host: str, port: int) -> Dashboard:
-    """Serve a session, on the next free port where the wanted one is in use."""
+    """Serve a session on the wanted port, or on a free one if it is in use."""
     word, application = token(), partial(create_app, session)
     try:
         return serve(hub, host, port, word, application)
@@ -259,7 +259,7 @@ def _served(session: Session, hub: Hub, host: str, port: int) -> Dashboard:
         return serve(hub, host, 0, word, application)
 
 
-LONGEST_BODY = 1 << 20  # body of an action [bytes]
+LONGEST_BODY = 1 << 20  # largest body of an action's request [bytes]
 _SCRIPTS = ("workbench", "page", "data", "marks", "models", "compare", "keep", "curves")
 _OWN = (*(f"{name}.js" for name in _SCRIPTS), "workbench.css")
 
@@ -323,7 +323,7 @@ def _routes(session: Session, hub: Hub) -> list[Route | WebSocketRoute]:
 
 
 def _told(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
-    """Have a user's mistake answered in one line."""
+    """Turn ReplantError into an answer of one line."""
 
     async def answered(request: Request) -> Response:
         try:
@@ -343,7 +343,7 @@ async def _body(request: Request) -> dict[str, Any]:
     try:
         found = json.loads(content or b"{}")
     except ValueError:
-        raise InvalidArgumentError("the request is no JSON") from None
+        raise InvalidArgumentError("the request is not JSON") from None
     if not isinstance(found, dict):
         raise InvalidArgumentError("the request must be an object of JSON")
     return found
@@ -351,7 +351,7 @@ async def _body(request: Request) -> dict[str, Any]:
 
 @cache
 def _assets() -> dict[str, bytes]:
-    """Return everything that the page loads: the dashboard's parts, and its own."""
+    """Return all files that the page loads: the dashboard's, and its own."""
     return dashboard_assets() | {name: _own(name) for name in _OWN}
 
 

@@ -1,4 +1,4 @@
-"""What a user has chosen for a log, and the models asked for: as command line and as Python program."""
+"""The user's choices for a log and the requested models, also as a command line and as a Python program."""
 
 from __future__ import annotations
 
@@ -19,50 +19,50 @@ from replant.numerics.limits import typed_path
 FIT, SEARCH, RUN = "fit", "search", "run"
 KINDS = (FIT, SEARCH, RUN)
 STRETCHES = ("use", "leave_out", "validate_on")
-MOST_STRETCHES = 100  # stretches of one kind [count]
-MOST_CARDS = 24  # models that are fitted by one click [count]
-LONGEST = 200  # a name, or a field of numbers [characters]
+MOST_STRETCHES = 100  # most stretches of one kind [count]
+MOST_CARDS = 24  # most models fitted by one click [count]
+LONGEST = 200  # longest name or field of numbers [characters]
 _WHOLE = r"\d{1,3}"
 _SECONDS = r"(?:\d{1,9}(?:\.\d{0,12})?|\.\d{1,12})(?:e-?\d{1,2})?"
 
 
 class Stretch(NamedTuple):
-    """A stretch of time in s from the first sample; without an end it goes on to the last."""
+    """A stretch of time in s from the first sample; without an end it extends to the last sample."""
 
     begin: float
     end: float | None = None
 
     @property
     def written(self) -> str:
-        """As the options of the command line are: 12.5:40, or 40: to the end."""
+        """The value of a command-line option: 12.5:40, or 40: to the end."""
         return f"{plain(self.begin)}:{'' if self.end is None else plain(self.end)}"
 
     @classmethod
     def of(cls, given: Any) -> Self:
-        """Return a stretch that a page, or a file, gives as [begin, end]."""
+        """Return the stretch for [begin, end] from a page or a file."""
         if not isinstance(given, list | tuple) or len(given) != 2:
             raise InvalidArgumentError("a stretch must be [begin, end]")
         begin, end = max(_number("begin", given[0]), 0.0), None if given[1] is None else _number("end", given[1])
         if end is not None and not begin < end:
-            raise InvalidArgumentError("a stretch of time ends after it begins: drag over some width")
+            raise InvalidArgumentError("a stretch of time must end after it begins: drag over some width")
         return cls(begin, end)
 
 
 def plain(value: float) -> str:
-    """Return a number of s with twelve digits and without a power of ten."""
+    """Return a number with up to twelve digits and without a power of ten."""
     digits = f"{float(f'{value:.12g}'):.12f}"
     return digits.rstrip("0").rstrip(".") or "0"
 
 
 @dataclass(frozen=True)
 class Setup:
-    """How a log is read."""
+    """The options for reading and conditioning a log."""
 
-    input: str = ""  # input, output, reference, time: columns, as an option names them; empty: none
+    input: str = ""  # input, output, reference, time: columns, as in the command-line options; empty: none
     output: str = ""
     reference: str = ""
     time: str = ""
-    dt: float | None = None  # sampling time in s, in place of a time column
+    dt: float | None = None  # sampling time in s, instead of a time column
     use: tuple[Stretch, ...] = ()
     leave_out: tuple[Stretch, ...] = ()
     validate_on: tuple[Stretch, ...] = ()
@@ -71,28 +71,28 @@ class Setup:
     resample: float | None = None  # new sampling time in s
 
     def changed(self, given: dict[str, Any]) -> Self:
-        """Return the setup with what a page, or a file, says of some of its fields."""
+        """Return the setup with some fields replaced by values from a page or a file."""
         known = {field.name for field in fields(self)}
         return dataclasses.replace(self, **{name: _checked(name, given[name]) for name in known & set(given)})
 
     def with_stretch(self, kind: str, before: Any, after: Any) -> Self:
-        """Return the setup with a stretch in place of another; None: in place of none, or none in its place."""
+        """Return the setup with stretch ``before`` replaced by ``after``; None: add ``after``, or remove ``before``."""
         if kind not in STRETCHES:
             raise InvalidArgumentError(f"a stretch is one of {', '.join(STRETCHES)}, not {shown(kind)}")
         left = [each for each in getattr(self, kind) if before is None or each != Stretch.of(before)]
         return self.changed({kind: [*left, *([] if after is None else [after])]})
 
     def check(self) -> None:
-        """Raise where no model can be asked for yet."""
+        """Raise InvalidArgumentError if the setup does not suffice for a model."""
         if not (self.input and self.output):
-            raise InvalidArgumentError("choose the column of the input and that of the output first")
+            raise InvalidArgumentError("choose the columns of input and output first")
         if self.input == self.output:
             raise InvalidArgumentError("input and output are the same column: choose two")
 
 
 @dataclass(frozen=True)
 class Wish:
-    """Which models are asked for: numbers or ranges, as the command line takes them."""
+    """The requested models: numbers or ranges, as in the command-line options."""
 
     kind: str = FIT
     poles: str = "1:3"
@@ -100,13 +100,13 @@ class Wish:
     delay: str = "0"
 
     def changed(self, given: dict[str, Any]) -> Self:
-        """Return the wish with what a page, or a file, says of some of its fields."""
+        """Return the wish with some fields replaced by values from a page or a file."""
         known = {field.name for field in fields(self)}
         return dataclasses.replace(self, **{name: _wished(name, given[name]) for name in known & set(given)})
 
     @property
     def alone(self) -> tuple[Wish, ...]:
-        """One wish for each model: `fit` and `run` make one of each number of a range, `search` chooses one."""
+        """One wish for each model: `fit` and `run` make one for each number of a range, `search` chooses one."""
         if self.kind == SEARCH:
             return (self,)
         found = [
@@ -117,30 +117,32 @@ class Wish:
             if not z or int(z) < int(p)
         ]
         if not found:
-            raise InvalidArgumentError("there are as many zeros as poles, or more: ask for fewer zeros")
+            raise InvalidArgumentError("zeros must be fewer than poles: choose fewer zeros or more poles")
         if len(found) > MOST_CARDS:
-            raise InvalidArgumentError(f"{len(found)} models at once: search the grid instead, or ask for {MOST_CARDS}")
+            raise InvalidArgumentError(
+                f"{len(found)} models at once, the limit is {MOST_CARDS}: choose smaller ranges, or search instead"
+            )
         return tuple(found)
 
 
 def grid(text: str) -> list[float]:
-    """Return the numbers of a range first:last or first:last:step, to the bit as the command line has them."""
+    """Return the numbers of a range first:last or first:last:step, equal to the bit to the command line's."""
     parts = [float(part) for part in text.split(":")]
     if len(parts) == 1:
         return parts
     step = parts[2] if len(parts) > 2 else 1.0
     if not step > 0.0 or parts[1] < parts[0] or (parts[1] - parts[0]) / step > 1000:
-        raise InvalidArgumentError(f"{text} is no range; write 1:4, or 0:1:0.1")
+        raise InvalidArgumentError(f"{text} is not a range; write 1:4, or 0:1:0.1")
     return [parts[0] + k * step for k in range(int((parts[1] - parts[0]) / step * (1 + 1e-12)) + 1)]
 
 
 def numbers(text: str) -> list[str]:
-    """Return the numbers of a range as they are written."""
+    """Return the numbers of a range as text."""
     return [plain(value) for value in grid(text)] if ":" in text else [text]
 
 
 def text(name: str, given: Any) -> str:
-    """Return a short text without what no line holds."""
+    """Check that a value is a text of at most `LONGEST` characters."""
     if not isinstance(given, str) or len(given) > LONGEST:
         raise InvalidArgumentError(f"{name} must be a text of at most {LONGEST} characters")
     return given
@@ -158,7 +160,7 @@ def _wished(name: str, given: Any) -> str:
     if not re.fullmatch(f"{number}(?::{number}){{0,2}}", value):
         example = "0.02, or 0:0.1:0.02" if name == "delay" else "2, or 1:4"
         raise InvalidArgumentError(f"{name} {shown(value)}: write {example}")
-    grid(value)  # raises where it is no range
+    grid(value)  # raises if it is not a range
     return value
 
 
@@ -174,7 +176,7 @@ def _checked(name: str, given: Any) -> Any:
     value = _number(name, given)
     if name == "decimate":
         if value != int(value) or not 2 <= value <= 1e6:
-            raise InvalidArgumentError("one sample of how many is kept must be a whole number from 2 on")
+            raise InvalidArgumentError("the decimation factor must be a whole number from 2 to 1000000")
         return int(value)
     if not 0.0 < value < math.inf:
         raise InvalidArgumentError(f"{'the sampling time' if name == 'dt' else name} must be above 0 s")
@@ -186,7 +188,7 @@ def _stretches(given: Any) -> tuple[Stretch, ...]:
         raise InvalidArgumentError("stretches must be a list of [begin, end]")
     found = sorted({Stretch.of(each) for each in given}, key=lambda each: (each.begin, each.end or math.inf))
     if len(found) > MOST_STRETCHES:
-        raise InvalidArgumentError(f"at most {MOST_STRETCHES} stretches of one kind are kept: join some")
+        raise InvalidArgumentError(f"at most {MOST_STRETCHES} stretches of one kind are possible: join some")
     return tuple(found)
 
 
@@ -197,7 +199,7 @@ def _number(name: str, given: Any) -> float:
 
 
 def words_of(path: Path, setup: Setup, wish: Wish) -> tuple[str, ...]:
-    """Return the words of the command line behind ``replant``: a job runs these very words."""
+    """Return the arguments of ``replant`` for a model; a job runs exactly these."""
     clock = ("--time", setup.time) if setup.dt is None else ("--dt", f"{setup.dt:.12g}")
     options = [
         ("-i", setup.input), ("-o", setup.output), ("--reference", setup.reference), clock,
@@ -217,7 +219,7 @@ def command_line(words: tuple[str, ...], saved: str = "model.json") -> str:
 
 
 def program(path: Path, setup: Setup, wish: Wish, saved: str = "model.json") -> str:
-    """Return the Python program that makes the same model to the bit: the steps of the command, one by one."""
+    """Return the Python program that makes the same model to the bit, by the steps of the command."""
     is_cut = any(getattr(setup, name) for name in STRETCHES)
     lines = ["import dataclasses", "import sys", "", *(["import numpy as np", ""] if is_cut else [])]
     lines += [
@@ -251,7 +253,7 @@ def _columns(setup: Setup) -> str:
 
 
 def _cut(setup: Setup) -> list[str]:
-    """Return the lines that end the log at the last output left in, and leave others out; the input goes on to act."""
+    """Return the lines that remove outputs left out, and end the log after the last one used; inputs remain."""
     used = " | ".join(map(_within, setup.use))
     return [
         "t = log.dt * np.arange(len(log)) if log.time is None else log.time - log.time[0]",

@@ -1,7 +1,7 @@
-"""The samples of a log as the page draws them, and stretches of it that may be left out.
+"""The samples of a log for drawing, and stretches that the user may want to leave out.
 
-A column is written to a file as it is read, so that a log of any length takes little memory.  Beside it stand the
-least and the greatest value of each `BUCKET` samples, of which a curve over much of the log is made.
+A column is written to a file as it is read, so that a log of any length takes little memory.  The minimum and maximum
+of each `BUCKET` samples are kept, too; a curve over a long part of the log is made of them.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.robust import stretches_of
 from replant.plotting.numbers import rounded
 
-SHOWN = 12  # stretches that are listed, the longest [count]
-MOVES = 2  # moves of the input within it, without which the output may well rest [count]
-GAP = 3.0  # distance of two time stamps from which on samples are missing between them [usual intervals]
-MISSING = 10  # missing outputs in a row that are worth a line [count]
+SHOWN = 12  # most stretches that are listed, the longest ones [count]
+MOVES = 2  # fewest moves of the input in a stretch that make a constant output suspicious [count]
+GAP = 3.0  # distance of two time stamps that is a gap [usual intervals]
+MISSING = 10  # fewest missing outputs in a row that are listed [count]
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """A stretch of time in s from the first sample, and what is the matter with it."""
+    """A stretch of time in s from the first sample, and its problem."""
 
     begin: float
     end: float
@@ -39,7 +39,7 @@ class Doubt:
 
 
 def doubts(t: FloatArray, u: FloatArray | None, y: FloatArray | None) -> list[Doubt]:
-    """Return what may be wrong, in the order of time; ``t`` (K,) in s from the first sample."""
+    """Return suspicious stretches in the order of time; ``t`` (K,) is in s from the first sample."""
     found = _gaps(t)
     if y is not None:
         found += _missing(t, y)
@@ -62,7 +62,7 @@ def _missing(t: FloatArray, y: FloatArray) -> list[Doubt]:
 
 
 def _stuck(t: FloatArray, u: FloatArray, y: FloatArray) -> list[Doubt]:
-    """Return where a solution leaves the output out as that of a stuck sensor, and the input moves."""
+    """Return the stretches in which the solver would reject the output as stuck while the input moves."""
     moved = np.concatenate([[0], np.cumsum(u[1:] != u[:-1])])
     return [
         Doubt(float(t[a]), _end(t, b), f"the output stays at {y[a]:.4g} while the input moves")
@@ -72,13 +72,13 @@ def _stuck(t: FloatArray, u: FloatArray, y: FloatArray) -> list[Doubt]:
 
 
 def _end(t: FloatArray, row: int) -> float:
-    """Return when the sample behind a stretch was taken; of the last one, a step after it."""
+    """Return the time of the sample after a stretch; after the last sample, one step later."""
     return float(t[row]) if row < t.size else float(2.0 * t[-1] - t[-2]) if t.size > 1 else float(t[-1])
 
 
-BUCKET = 64  # samples of which least and greatest value are kept [count]
-FEWEST = 4  # buckets for each point of a curve, below which the samples themselves are joined [count]
-CHUNK = 1 << 20  # samples of which the buckets are made at once [count]
+BUCKET = 64  # samples in a bucket, of which minimum and maximum are kept [count]
+FEWEST = 4  # fewest buckets per point of a curve; with fewer the samples themselves are used [count]
+CHUNK = 1 << 20  # samples processed at once to make buckets [count]
 
 Extremes = tuple[FloatArray, FloatArray]
 
@@ -89,13 +89,13 @@ class CancelledError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column: a file of float64, and least and greatest value of each `BUCKET` of its samples."""
+    """One column: a file of float64, and the minimum and maximum of each bucket of its samples."""
 
     values: FloatArray
     buckets: Extremes
 
     def between(self, first: int, last: int, points: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return places (N,) and least and greatest values (N,) of the samples [first, last), at most ``points``."""
+        """Return positions, minima and maxima (N,) of the samples [first, last), with N at most ``points``."""
         size = BUCKET if last - first >= FEWEST * BUCKET * points else 1
         rows = slice(first // size, -(-last // size))
         low = self.values[rows] if size == 1 else self.buckets[0][rows]
@@ -109,7 +109,7 @@ class Column:
 
 
 def joined_extremes(low: FloatArray, high: FloatArray, count: int) -> Extremes:
-    """Return least and greatest values of each ``count`` entries; NaN where all of them are."""
+    """Return the minima and maxima of each ``count`` entries; NaN only if all of them are."""
     if count == 1 or not low.size:
         return low, high
     edges = np.arange(0, low.size, count)
@@ -117,7 +117,7 @@ def joined_extremes(low: FloatArray, high: FloatArray, count: int) -> Extremes:
 
 
 def buckets_of(values: FloatArray) -> Extremes:
-    """Return least and greatest value of each `BUCKET` samples of a column (K,)."""
+    """Return the minimum and maximum of each bucket of a column (K,)."""
     parts = [(np.empty(0), np.empty(0))]
     for first in range(0, values.size, CHUNK):
         chunk = np.asarray(values[first : first + CHUNK])
@@ -128,7 +128,7 @@ def buckets_of(values: FloatArray) -> Extremes:
 
 
 class Samples:
-    """The columns of one log that are drawn, read from its file when they are asked for."""
+    """The columns of one log that are drawn, read from its file on request."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -136,11 +136,11 @@ class Samples:
         self.rows = 0
 
     def close(self) -> None:
-        """Forget them: their files, which have no name, go with them."""
+        """Discard the columns; their files have no name and vanish with them."""
         self.columns.clear()
 
     def read(self, numbers: Sequence[int], progress: Callable[[int, int], bool]) -> None:
-        """Read further columns in one pass; ``progress`` gets rows and about how many there are, and may stop it."""
+        """Read further columns in one pass; ``progress`` gets the rows so far and in all, and returns False to stop."""
         wanted = [number for number in numbers if number not in self.columns]
         if not wanted:
             return
@@ -160,7 +160,7 @@ class Samples:
     def drawn(
         self, shown: Sequence[int], clock: Clock, between: tuple[float, float] | None, points: int
     ) -> dict[str, Any]:
-        """Return the columns ``shown`` between two times in s, or all; ``points`` is the most of each."""
+        """Return the columns ``shown`` between two times in s, or whole, with at most ``points`` points each."""
         times = self.columns.get(clock.number) if clock.number is not None else None
         ends = clock.ends(times, self.rows)
         first, last = clock.rows(times, self.rows, between or (0.0, ends[1]))
@@ -177,14 +177,14 @@ class Samples:
 
 @dataclass(frozen=True)
 class Clock:
-    """When the rows of a log were taken: by a column in units of ``unit`` s, or ``dt`` s apart."""
+    """The times of a log's rows: from a column in units of ``unit`` s, or ``dt`` s apart."""
 
     number: int | None
     unit: float
     dt: float
 
     def rows(self, times: Column | None, rows: int, between: tuple[float, float]) -> tuple[int, int]:
-        """Return the first row and that behind the last between two times, and one more at either end."""
+        """Return the range of rows between two times, extended by one row at either end."""
         if times is None:
             low, high = (min(max(t / self.dt, 0.0), rows) for t in between)
             return max(0, math.floor(low) - 1), min(rows, math.ceil(high) + 2)
@@ -193,7 +193,7 @@ class Clock:
         return max(0, int(low) - 1), min(times.values.size, int(high) + 2)
 
     def at(self, times: Column | None, places: FloatArray) -> FloatArray:
-        """Return when places (N,) between the rows are, in s from the first row."""
+        """Return the times of positions (N,) between rows, in s from the first row."""
         if times is None:
             return places * self.dt
         last = times.values.size - 1
@@ -202,5 +202,5 @@ class Clock:
         return np.asarray((stamps + (places - rows) * (after - stamps) - float(times.values[0])) * self.unit)
 
     def ends(self, times: Column | None, rows: int) -> list[float]:
-        """Return when the first and the last row were taken, in s from the first."""
+        """Return the times of the first and the last row, in s from the first."""
         return [float(t) for t in self.at(times, np.array([0.0, max(rows - 1, 1)]))]

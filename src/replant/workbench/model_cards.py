@@ -1,4 +1,4 @@
-"""Cards: the models of a session, and where in the plots the reasons of a verdict can be seen."""
+"""Cards: the models of a session, and the plots that show the reasons of a verdict."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ _COLOUR = re.compile(r"noise model|residual")
 
 @dataclass(frozen=True)
 class Place:
-    """What to look at."""
+    """The plot, and the part of it, that shows a reason."""
 
     plot: str  # {"output", "residual", "cross", "auto", "bode", "poles"}
-    since: float | None = None  # how long before the end of the record the stretch begins, in s; None: the whole record
+    since: float | None = None  # start of the stretch, in s before the end of the record; None: the whole record
     at: float | None = None  # frequency in rad/s
 
 
 def place_of(reason: str) -> Place:
-    """Return where a reason can be seen."""
+    """Return the plot that shows a reason."""
     since = _first(_AGO, reason) or _first(_LAST, reason)
     found = _POLE.search(reason)
     if found:
@@ -58,7 +58,7 @@ def _value(text: str) -> float:
 
 WAITING, RUNNING, DONE, FAILED, STOPPED = "waiting", "running", "done", "failed", "stopped"
 OPEN = (WAITING, RUNNING)
-LIKELY = 6  # candidates of a search that a card lists [count]
+LIKELY = 6  # most candidates of a search that a card lists [count]
 ORDERS = ("made", "fit", "poles", "name")
 
 
@@ -66,22 +66,22 @@ ORDERS = ("made", "fit", "poles", "name")
 class Card:
     """A model, or the attempt to make one."""
 
-    name: str  # name, title: by which the session knows it, and how the user calls it
+    name: str  # name, title: the session's identifier, and the user's name for it
     title: str
-    log: str  # of the session
+    log: str  # name of the log in the session
     path: Path
     setup: Setup
     wish: Wish
     words: tuple[str, ...]  # the command that makes it
     state: str = WAITING
-    stage: str = ""  # stage, percent: of the progress
+    stage: str = ""  # stage, percent: progress
     percent: int = 0
     error: str = ""
     found: dict[str, Any] = field(default_factory=dict)  # the JSON object of the command
-    model: str = ""  # the file of the model
+    model: str = ""  # content of the model's file
 
     def view(self) -> dict[str, Any]:
-        """Return what the page shows."""
+        """Return the data that the page shows."""
         shown: dict[str, Any] = {
             "name": self.name, "title": self.title, "log": self.log, "source": self.path.name, "kind": self.wish.kind,
             "state": self.state, "stage": self.stage, "percent": self.percent, "error": self.error,
@@ -96,7 +96,7 @@ class Card:
 
 
 def title_of(wish: Wish) -> str:
-    """Return the name that a card gets."""
+    """Return the default title of a card."""
     if wish.kind == SEARCH:
         return f"best of {wish.poles} poles"
     parts = [f"{wish.poles} pole{'' if wish.poles == '1' else 's'}"]
@@ -129,14 +129,14 @@ def _result(found: dict[str, Any]) -> dict[str, Any]:
 
 
 def judged(verdict: dict[str, Any]) -> dict[str, Any]:
-    """Return a verdict, as JSON has it, with its words, its gravity and where its reasons can be seen."""
+    """Return a verdict in JSON form with its texts, its gravity and the plots that show its reasons."""
     words = verdict_words(verdict["status"])
     reasons = [{"text": reason, **asdict(place_of(reason))} for reason in verdict["reasons"]]
     return {"gravity": words.gravity, "headline": words.headline, "meaning": words.text, "reasons": reasons}
 
 
 def _known(parameters: dict[str, dict[str, float | None]]) -> float | None:
-    """Return the largest standard deviation of a coefficient as a part of its size; None where none is known."""
+    """Return the largest relative standard deviation of a coefficient; None if none is known."""
     parts = [
         each["std"] / abs(each["value"]) for each in parameters.values() if each["std"] is not None and each["value"]
     ]
@@ -156,20 +156,20 @@ def _sort_key(card: Card, order: str) -> Any:
 
 
 def in_order(cards: Sequence[Card], order: str) -> list[Card]:
-    """Return cards in one of `ORDERS`: made keeps their order, fit has the best on unseen samples first."""
+    """Sort cards by one of `ORDERS`: "made" keeps their order, "fit" puts the best on unseen samples first."""
     return list(cards) if order == "made" else sorted(cards, key=lambda card: _sort_key(card, order))
 
 
 def card_of(kept: dict[str, Any]) -> Card:
-    """Return a card from the file of a session; raises KeyError, TypeError or ValueError where it holds none."""
+    """Return a card from the file of a session; raise KeyError, TypeError or ValueError if it is invalid."""
     given = {each.name: kept[each.name] for each in dataclasses.fields(Card)}
     given["setup"], given["wish"] = Setup().changed(kept["setup"]), Wish().changed(kept["wish"])
     given["path"] = Path(kept["path"])
-    given["words"] = words_of(given["path"], given["setup"], given["wish"])  # a file says what to fit, not what to run
+    given["words"] = words_of(given["path"], given["setup"], given["wish"])  # never run a command from a file
     given["model"] = str(given["model"])
     for key in ("name", "title", "log", "stage", "error", "state"):
         given[key] = text(key, given[key])
     card = Card(**given)
     if card.state == DONE:
-        card.view()  # raises where figures are missing
+        card.view()  # raises if figures are missing
     return card

@@ -1,4 +1,4 @@
-"""Opened: one log of a session; it is inspected and read in the background, whenever what was chosen asks for it."""
+"""Opened: one log of a session; it is inspected and read in the background whenever the choices require it."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from replant.workbench.choices import Setup, Wish
 from replant.workbench.drawn_samples import CancelledError, Clock, Samples
 from replant.workbench.tasks import Work
 
-MOST_DRAWN = 24  # columns of a log that are drawn [count]
+MOST_DRAWN = 24  # most columns of a log that are drawn [count]
 INSPECTING, READING, READY, BROKEN = "inspecting", "reading", "ready", "broken"
 SHOWN = ("number", "key", "name", "min", "max", "missing", "step", "quantised", "problem", "in_record")
 ROLES = ("input", "output", "reference")
 
 
 class Opened:
-    """A log with what is known of it and what was chosen for it, now or in an earlier session; else it is guessed."""
+    """A log with its inspection and the user's choices, which may come from an earlier session or from a guess."""
 
     def __init__(
         self, name: str, path: Path, work: Work, changed: Callable[[], object], setup: Setup, wish: Wish
@@ -42,11 +42,11 @@ class Opened:
         self.refresh()
 
     def refresh(self) -> None:
-        """Inspect and read the log, as far as that is not done; once more if it is being done."""
+        """Inspect and read the log as far as needed; if that is running, do it once more afterwards."""
         self._asked.set()
 
     def read_again(self) -> None:
-        """Forget the samples, as of a record that goes on, and read the file once more."""
+        """Discard the samples and read the file again, as for a growing record."""
         if self.state in (INSPECTING, READING):
             return
         self.samples.close()
@@ -54,7 +54,7 @@ class Opened:
         self.refresh()
 
     def close(self) -> None:
-        """Stop reading, and remove what was read."""
+        """Stop reading, and discard the samples."""
         self._closed = True
         self._asked.set()
 
@@ -94,7 +94,7 @@ class Opened:
             self.setup = guessed(self.setup, self.look)
 
     def _drawn(self) -> list[int]:
-        """Return the columns to read: those with a role, and others as far as there is room."""
+        """Return the columns to read: those with a role, then others up to `MOST_DRAWN`."""
         columns = [each for each in self.look["columns"] if each["in_record"]]
         of_role = {self.role_of(each): each["number"] for each in columns}
         clock = self.look["clock_number"]
@@ -103,7 +103,7 @@ class Opened:
         return [*dict.fromkeys(first), *rest][: max(MOST_DRAWN, len(first))]
 
     def role_of(self, column: dict[str, Any]) -> str:
-        """Return the role of a column; empty for one that is not used."""
+        """Return the role of a column; empty if it is not used."""
         for role in ROLES:
             if getattr(self.setup, role) == column["key"]:
                 return role
@@ -122,7 +122,7 @@ class Opened:
 
     @property
     def clock(self) -> Clock:
-        """When the rows are drawn."""
+        """The times of the rows."""
         found = self.look.get("clock") or {}
         dt = self.setup.dt or found.get("dt") or 1.0
         number = self.look.get("clock_number")
@@ -139,7 +139,7 @@ class Opened:
         return self.samples.drawn(shown, clock, between, points)
 
     def view(self) -> dict[str, Any]:
-        """Return what the page shows beside the signals."""
+        """Return the data that the page shows besides the signals."""
         columns = [
             {key: each[key] for key in SHOWN}
             | {"role": self.role_of(each), "drawn": each["number"] in self.samples.columns}
@@ -165,7 +165,7 @@ class Opened:
 
 
 def guessed(setup: Setup, look: dict[str, Any]) -> Setup:
-    """Return a setup with the roles and the clock that the inspection guesses."""
+    """Return a setup with the roles and the clock that the inspection suggests."""
     roles = {each["looks_like"]: each["key"] for each in reversed(look["columns"]) if each["looks_like"]}
     setup = setup.changed({role: roles.get(role, "") for role in ROLES})
     clock = look["clock"]
@@ -177,7 +177,7 @@ def guessed(setup: Setup, look: dict[str, Any]) -> Setup:
 
 
 def with_role(opened: Opened, key: str, role: str) -> Setup:
-    """Return the setup of a log in which a column has a role, and no other column the same."""
+    """Return the setup of a log in which a column takes over a role."""
     setup = opened.setup
     for each in ROLES:
         if getattr(setup, each) == key:
@@ -194,7 +194,7 @@ def with_role(opened: Opened, key: str, role: str) -> Setup:
 
 
 def _modified(path: Path) -> float:
-    """Return when a file, or the newest part in a folder, was written; 0 where there is none."""
+    """Return the modification time of a file, or of the newest part in a folder; 0 if it does not exist."""
     found = 0.0
     with contextlib.suppress(OSError):
         found = path.stat().st_mtime

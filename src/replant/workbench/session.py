@@ -1,4 +1,4 @@
-"""Session: the logs and cards of a workbench, and the places where it is kept."""
+"""Session: the logs and cards of a workbench, and the files that keep them."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ T = TypeVar("T")
 
 
 def folder(inner: str = "") -> Path:
-    """Return the folder of the workbench, which only its user may read, or one in it: logs, sessions."""
+    """Return the workbench's folder, readable only by its user, or its subfolder ``inner``: logs, sessions."""
     given = os.environ.get("XDG_STATE_HOME") or (os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else "")
     found = Path(given or Path.home() / ".local" / "state") / "replant"
     try:
         found.mkdir(mode=0o700, parents=True, exist_ok=True)
         (found / inner).mkdir(exist_ok=True)
     except OSError as error:
-        raise ReplantError(f"{one_line(error)}; XDG_STATE_HOME names another folder to keep sessions in") from None
+        raise ReplantError(f"{one_line(error)}; set XDG_STATE_HOME to another folder for the sessions") from None
     return found / inner
 
 
@@ -45,13 +45,13 @@ def session_of(logs: Sequence[Path]) -> Path:
 
 
 def newest_session() -> Path:
-    """Return the file of the session that was open last, or that of no logs."""
+    """Return the file of the newest session; if there is none, the file of a session without logs."""
     kept = folder("sessions").glob(f"*{SUFFIX}")
     return max(kept, key=lambda path: path.stat().st_mtime, default=session_of(()))
 
 
 def token() -> str:
-    """Return the token of this user: the same at every start, so that an open page comes back."""
+    """Return the token of this user, the same at every start, so that an open page reconnects."""
     path = folder() / "token"
     with contextlib.suppress(OSError):
         found = path.read_text(encoding="ascii").strip()
@@ -65,14 +65,14 @@ def token() -> str:
 
 
 FORM = 1  # version of the file of a session [number]
-SAVING = 0.3  # time after a change until the session is kept [s]
-MOST_LOGS = 32  # logs of a session [count]
-MOST_SHOWN = 6  # models that are compared at a time: as many as there are colours [count]
-LARGEST = 256 << 20  # file of a session [bytes]
+SAVING = 0.3  # delay from a change until the session is saved [s]
+MOST_LOGS = 32  # most logs of a session [count]
+MOST_SHOWN = 6  # most models that are compared: the number of colours [count]
+LARGEST = 256 << 20  # largest file of a session [bytes]
 
 
 class Session:
-    """Everything a page shows; its state lives here and in the file, none in a browser."""
+    """The whole state of the pages; it is held here and in the file, not in a browser."""
 
     def __init__(self, kept_in: Path, publish: Callable[[dict[str, Any]], None]) -> None:
         self.kept_in, self._publish = kept_in, publish
@@ -82,13 +82,13 @@ class Session:
         self.active, self.order, self.shown = "", "made", list[str]()
         self.lock = threading.RLock()
         self._number, self._closed, self._grown = 0, False, set[str]()
-        self._revision = 0  # how often the pages were told
+        self._revision = 0  # number of views published to the pages
         self._timer: threading.Timer | None = None
 
     # --- what the pages see ---
 
     def changed(self) -> int:
-        """Tell all pages, and keep the session soon; return the revision of what they are told."""
+        """Publish a view to all pages, and save the session soon; return the revision of the view."""
         with self.lock:
             if self._closed:
                 return self._revision
@@ -120,7 +120,7 @@ class Session:
     # --- logs ---
 
     def open(self, path: Path, setup: Setup = Setup(), wish: Wish = Wish(), name: str = "") -> Opened:  # noqa: B008
-        """Open a log, or go to it where it is open."""
+        """Open a log, or activate it if it is open."""
         path = path.absolute()
         path = path / "samples" if (path / "samples").is_dir() else path  # of a live session
         with self.lock:
@@ -147,7 +147,7 @@ class Session:
                 self.active = next(reversed(self.logs), "")
 
     def choose(self, name: str, change: Callable[[Opened], Setup]) -> None:
-        """Take what was chosen for a log; inspect it anew where that depends on it."""
+        """Change the setup of a log; inspect the log again if its roles or clock have changed."""
         with self.lock:
             log = self.log(name)
             before, log.setup = log.setup, change(log)
@@ -157,11 +157,11 @@ class Session:
             log.refresh()
 
     def look_for_growth(self) -> None:
-        """Tell the pages of logs whose files have changed, as the record of a live session does."""
+        """Tell the pages which logs have changed on disk, such as the record of a live session."""
         with self.lock:
             grown = {log.name for log in self.logs.values() if log.has_changed}
             for name in grown:
-                if self.logs[name].state == BROKEN:  # as of a record whose first part was not written yet
+                if self.logs[name].state == BROKEN:  # such as a record whose first part was not written yet
                     self.logs[name].read_again()
             if grown == self._grown:
                 return
@@ -171,7 +171,7 @@ class Session:
     # --- models ---
 
     def fit(self, name: str) -> list[str]:
-        """Ask for the models that are wished of a log; return their names."""
+        """Start jobs for the requested models of a log; return the names of their cards."""
         with self.lock:
             log = self.log(name)
             log.setup.check()
@@ -185,7 +185,7 @@ class Session:
         return [card.name for card in made]
 
     def again(self, name: str) -> None:
-        """Make a model that was stopped, or that failed, once more."""
+        """Run the job of a card again, after it was stopped or failed."""
         with self.lock:
             card = replace(self.card(name), state="waiting", error="", percent=0, stage="")
             self.cards[name] = card
@@ -206,11 +206,11 @@ class Session:
 
     @property
     def compared(self) -> list[str]:
-        """The cards that are compared."""
+        """The names of the compared cards."""
         return [name for name in self.shown if name]
 
     def show(self, name: str, *, chosen: bool) -> None:
-        """Compare a card, or no longer.  Its place gives its colour: it stays, and the first free one is taken."""
+        """Add a card to the comparison, or remove it.  Its position gives its colour: it takes the first free one."""
         name = self.card(name).name if chosen else name
         if not chosen:
             self.shown = ["" if each == name else each for each in self.shown]
@@ -227,7 +227,7 @@ class Session:
         self.order = order
 
     def _told(self, name: str, changes: dict[str, Any]) -> None:
-        """Take what a job tells of its card, which may have been removed; a new model is compared, if there is room."""
+        """Apply a job's changes to its card, unless removed; add a new model to the comparison if there is room."""
         with self.lock:
             if name in self.cards:
                 self.cards[name] = replace(self.cards[name], **changes)
@@ -242,7 +242,7 @@ class Session:
     # --- the file ---
 
     def written(self) -> str:
-        """Return the session as its file holds it."""
+        """Return the content of the session's file."""
         with self.lock:
             kept = {
                 "replant_session": FORM, "number": self._number, "active": self.active, "order": self.order,
@@ -252,7 +252,7 @@ class Session:
         return json.dumps(kept, indent=1, allow_nan=False) + "\n"
 
     def restore(self, written: str, source: str) -> None:
-        """Take the logs and cards of a session's file in place of those here."""
+        """Replace the logs and cards by those of a session's file."""
         logs, cards, kept = parsed(written, source)
         with self.lock:
             for name in list(self.cards):
@@ -269,14 +269,14 @@ class Session:
         self.changed()
 
     def keep(self) -> None:
-        """Write the session into its file."""
+        """Save the session into its file."""
         with self.lock:
             self._timer = None
         with contextlib.suppress(OSError), replacing(self.kept_in) as new:  # a full disk must not stop the work
             new.write_text(self.written(), encoding="utf-8")
 
     def close(self) -> None:
-        """Keep the session, and stop everything that runs."""
+        """Save the session, and stop its processes and threads."""
         self.keep()
         with self.lock:
             self._closed = True
@@ -296,7 +296,7 @@ Named = tuple[Path, Setup, Wish, str]
 
 
 def parsed(written: str, source: str) -> tuple[list[Named], list[Card], dict[str, Any]]:
-    """Return logs, cards and the rest of a session's file; raises `ReplantError` where it is none."""
+    """Return logs, cards and the rest of a session's file; raise ReplantError if the file is invalid."""
     try:
         kept = json.loads(written)
         if kept["replant_session"] != FORM:
@@ -310,17 +310,17 @@ def parsed(written: str, source: str) -> tuple[list[Named], list[Card], dict[str
         rest["shown"] = [str(name) for name in kept["shown"]]
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         detail = reason_of(error)[:80]
-        raise ReplantError(f"{source}: no session of replant, or a damaged one ({detail})") from None
+        raise ReplantError(f"{source}: not a session of replant, or damaged ({detail})") from None
     return logs, cards, rest
 
 
 def read(path: Path, source: str) -> str:
-    """Return the file of a session, which errors call ``source``."""
+    """Return the content of a session's file, which errors call ``source``."""
     try:
         if path.stat().st_size > LARGEST:
             raise ReplantError(f"{source}: too large for a session")
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
-        raise ReplantError(f"{source}: no session of replant") from None
+        raise ReplantError(f"{source}: not a session of replant") from None
     except OSError as error:
         raise ReplantError(f"{source}: cannot be read ({reason_of(error)}); check the path") from None

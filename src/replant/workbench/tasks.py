@@ -1,6 +1,6 @@
-"""What is computed beside the page: commands, each a process that can be stopped; requests, by one worker.
+"""Computations outside the server: commands, each in a process that can be stopped; requests, in one worker process.
 
-The functions for the worker take and return plain values, and keep what they have read for the next request.
+The functions for the worker take and return plain values; the worker caches logs and validations for further requests.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from replant.workbench.choices import Setup, Stretch
 from replant.workbench.drawn_samples import doubts, joined_extremes
 from replant.workbench.model_cards import DONE, FAILED, RUNNING, STOPPED
 
-KEPT_LOGS = 2  # logs whose samples are kept for the next request [count]
-KEPT_VALIDATIONS = 32  # validations that are kept [count]
-CURVE = 300  # points of a response that are drawn [count]
+KEPT_LOGS = 2  # logs in the cache [count]
+KEPT_VALIDATIONS = 32  # validations in the cache [count]
+CURVE = 300  # points of a response curve [count]
 
 
 def look(path: str, chosen: tuple[str, str, str]) -> dict[str, Any]:
-    """Return what is in a log, for the columns of input, output and time that were chosen."""
+    """Inspect a log with the chosen columns of input, output and time."""
     u, y, t = (each or None for each in chosen)
     found = inspect(path, input=u, output=y, time=t)
     told = as_json(found)
@@ -66,7 +66,7 @@ def look(path: str, chosen: tuple[str, str, str]) -> dict[str, Any]:
 
 
 def _seen(found: Inspection) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
-    """Return time in s from the first row, input and output, as far as they were looked at."""
+    """Return time in s from the first row, input and output of the rows that were inspected."""
     clock, values = found.clock, found.contents.values
     u, y = (None if role is None else values[role.column.number] for role in (found.roles.input, found.roles.output))
     if clock is None or clock.column is None or math.isnan(clock.dt) or clock.backward:
@@ -78,7 +78,7 @@ def _seen(found: Inspection) -> tuple[FloatArray, FloatArray | None, FloatArray 
 
 @lru_cache(KEPT_LOGS)
 def _log(path: str, setup: Setup, part: Stretch | None, _: float) -> Log:
-    """Return a log, or a part of it, as the command line reads and conditions it."""
+    """Return a log or a part of it, read and conditioned as by the command line."""
     between: dict[str, Any] = {} if part is None else {"begin": part.begin, "end": part.end}
     clock: dict[str, Any] = {"dt": setup.dt} if setup.dt is not None else {"time": setup.time or None}
     recording = open_recording(
@@ -96,7 +96,7 @@ def _log(path: str, setup: Setup, part: Stretch | None, _: float) -> Log:
 def conditioned(
     path: str, setup: Setup, changed: float, between: tuple[float, float] | None, points: int
 ) -> dict[str, Any]:
-    """Return input and output as they are identified, between two times in s, or all of them."""
+    """Return the conditioned input and output, between two times in s or whole."""
     plain = replace(setup, use=(), leave_out=(), validate_on=())
     log = _log(path, plain, None, changed)
     t = _clock(log)
@@ -119,7 +119,7 @@ def compared(
     between: tuple[float, float] | None,
     points: int,
 ) -> dict[str, Any]:
-    """Return models beside the measured output of a part of a log; ``between`` is the time that is shown."""
+    """Return outputs of models and the measured output for a part of a log; ``between`` limits the time shown."""
     plain = replace(setup, use=(), leave_out=(), validate_on=())
     log = _log(path, plain, part, changed)
     begin = 0.0 if part is None else part.begin
@@ -135,7 +135,7 @@ def compared(
         try:
             validation = _validation(written, path, plain, part, changed)
             found["models"][name] = _beside(validation, t, rows, points)
-        except Exception as error:  # of one model, which must not hide the others
+        except Exception as error:  # a failure of one model must not hide the others
             found["models"][name] = {"failed": reason_of(error)}
     return found
 
@@ -160,7 +160,7 @@ def _beside(found: Validation, t: FloatArray, rows: slice, points: int) -> dict[
 
 
 def responses(models: dict[str, str]) -> dict[str, Any]:
-    """Return step response, frequency response and poles of models, on axes that they share."""
+    """Return step responses, frequency responses and poles of models, on common axes."""
     loaded = {name: Model.from_json(written) for name, written in models.items()}
     if not loaded:
         return {"models": {}}
@@ -174,7 +174,7 @@ def responses(models: dict[str, str]) -> dict[str, Any]:
 
 def _responses(model: Model, lasts: float, omega: FloatArray) -> dict[str, Any]:
     step, bode, poles = model.step(lasts), model.bode(omega), model.poles()
-    t = np.linspace(0.0, lasts, CURVE)  # a grid that all models share: that of a model depends on how it oscillates
+    t = np.linspace(0.0, lasts, CURVE)  # a common grid: a model's own grid depends on its oscillation
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         size = 20.0 * np.log10(bode.magnitude)
         wide = (20.0 / math.log(10.0)) * _twice(bode.relative_std, omega.size)
@@ -212,7 +212,7 @@ def _rows(t: FloatArray, between: tuple[float, float] | None) -> slice:
 
 
 def thinned(t: FloatArray, signal: FloatArray, rows: slice, points: int) -> dict[str, Any]:
-    """Return a signal as places in time and, of each, least and greatest value; these are one where all are shown."""
+    """Return a signal as times, minima and maxima of stretches; ``high`` is None if every sample is shown."""
     time, values = t[rows], signal[rows]
     every = max(1, -(-values.size // points))
     low, high = joined_extremes(values, values, every)
@@ -220,7 +220,7 @@ def thinned(t: FloatArray, signal: FloatArray, rows: slice, points: int) -> dict
 
 
 class Work:
-    """One worker process, started at the first request, and anew where it has died."""
+    """One worker process, started at the first request and restarted if it has died."""
 
     def __init__(self) -> None:
         self._pool: ProcessPoolExecutor | None = None
@@ -228,7 +228,7 @@ class Work:
         self._turn, self._closed = threading.Lock(), False
 
     def do(self, function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
-        """Return what a function of `replant.workbench.tasks` gives; waits for it."""
+        """Call a function of `replant.workbench.tasks` in the worker, and wait for its result."""
         with self._turn:
             try:
                 return self._started().submit(function, *arguments).result()
@@ -244,7 +244,7 @@ class Work:
 
             try:
                 self._pool = processes(1)
-            except SystemRefusedError as error:  # its remedy, fewer processes, is none here
+            except SystemRefusedError as error:  # its remedy, fewer processes, does not apply here
                 raise BrokenExecutor from error
             self._process = self._pool.submit(os.getpid).result()
         if self._pool is None or self._closed:
@@ -252,21 +252,21 @@ class Work:
         return self._pool
 
     def close(self) -> None:
-        """End the process, whatever it is computing."""
+        """Kill the process, even during a computation."""
         self._closed = True
         for process in active_children():
             if process.pid == self._process:
                 process.kill()
 
 
-AT_ONCE = max(1, min(4, (os.cpu_count() or 1) - 1))  # commands that run at a time: a core is left to the page [count]
-PATIENCE = 3.0  # time that a command gets to end by itself when it is stopped [s]
+AT_ONCE = max(1, min(4, (os.cpu_count() or 1) - 1))  # most simultaneous commands; one core is left for the page [count]
+PATIENCE = 3.0  # timeout for a stopped command to end by itself [s]
 _PROGRESS = re.compile(r"replant: (.+?) (\d+) %")
 _SAID = "replant: "
 
 
 class Jobs:
-    """Runs the commands of cards; ``tell`` gets a card's name and what changes of it, from other threads."""
+    """Runs the commands of cards; calls ``tell`` with a card's name and changes, from other threads."""
 
     def __init__(self, tell: Callable[[str, dict[str, Any]], None]) -> None:
         self._tell = tell
@@ -276,14 +276,14 @@ class Jobs:
         self._stopped: set[str] = set()
 
     def start(self, name: str, words: tuple[str, ...]) -> None:
-        """Run a command, when its turn has come."""
+        """Queue a command."""
         with self._lock:
             if not self._closed:
                 self._stopped.discard(name)
                 self._futures[name] = self._pool.submit(self._run, name, words)
 
     def stop(self, name: str) -> None:
-        """Stop a command, or take it off those that wait."""
+        """Stop a command, or remove it from the queue."""
         with self._lock:
             self._stopped.add(name)
             process, future = self._running.get(name), self._futures.get(name)
@@ -293,7 +293,7 @@ class Jobs:
             self._tell(name, {"state": STOPPED})
 
     def close(self) -> None:
-        """Stop all of them."""
+        """Stop all commands."""
         with self._lock:
             self._closed, running = True, list(self._running.values())
         self._pool.shutdown(wait=False, cancel_futures=True)
@@ -311,7 +311,7 @@ class Jobs:
         self._tell(name, {"state": STOPPED} if stopped else changes)
 
     def _made(self, name: str, words: tuple[str, ...]) -> dict[str, Any]:
-        """Run a command; return the JSON object that it prints and the file of its model, or why there is none."""
+        """Run a command; return its JSON object and its model as changes of the card, or the error."""
         self._show(name, "starting", 0)
         with tempfile.TemporaryDirectory(prefix="replant-job-") as folder:
             saved, printed = Path(folder, "model.json"), Path(folder, "printed.json")
@@ -337,7 +337,7 @@ class Jobs:
         self._tell(name, {"state": RUNNING, "stage": stage, "percent": percent})
 
     def _listen(self, name: str, process: subprocess.Popen[str]) -> str:
-        """Pass the progress on until the command ends; return the last line that is none."""
+        """Report the progress until the command ends; return the last line of another kind."""
         last = ""
         assert process.stderr is not None
         with process.stderr:
@@ -351,7 +351,7 @@ class Jobs:
 
 
 def end(process: subprocess.Popen[str]) -> None:
-    """End a process, by force if it does not listen."""
+    """Terminate a process, and kill it if it does not end in time."""
     with contextlib.suppress(OSError):
         process.terminate()
     try:
