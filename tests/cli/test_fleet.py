@@ -78,10 +78,10 @@ def test_the_options_of_run_and_fit_are_taken(capsys: pytest.CaptureFixture[str]
     [
         ((), "missing --input, --output and --poles; see what is in one of the logs"),
         (("-i", "u", "-o", "y", "-p", "1:3"), "--poles must be one number here"),
-        ((*COLUMNS[:-1], "mpi:3"), "'mpi:3' is no executor; give threads:N, processes:N or dask://HOST:PORT"),
+        ((*COLUMNS[:-1], "mpi:3"), "'mpi:3' is not an executor; give threads:N, processes:N or dask://HOST:PORT"),
         (("-i", "w", *COLUMNS[2:]), "none of 3 rigs could be identified; the first: "),
         ((*COLUMNS, "--compare", "nowhere"), "nowhere: no results of `replant fleet` there"),
-        ((*COLUMNS, "--by", "rig"), "a column names rigs in Parquet files only"),
+        ((*COLUMNS, "--by", "rig"), "only Parquet files can name rigs in a column"),
     ],
 )
 def test_mistakes_are_one_line_and_exit_code_2(
@@ -101,7 +101,7 @@ def test_what_cannot_be_compared_is_refused_before_the_run(
     assert call(capsys, logs, "--by", "file", *COLUMNS, "--out", old)[0] == 0
     for more, out, says in (
         (("--zeros", "1"), new, "identify both with the same options"),
-        ((), old, "would take the place of those that they are compared with"),
+        ((), old, "would replace those that they are compared with"),
     ):
         code, said, errors = call(capsys, logs, "--by", "file", *COLUMNS, *more, "--out", out, "--compare", old)
         assert (code, said, len(errors.splitlines())) == (2, "", 1)

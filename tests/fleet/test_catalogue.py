@@ -112,7 +112,7 @@ def test_a_column_that_is_not_there_or_no_name_is_refused(tmp_path: Path) -> Non
     with pytest.raises(LogError, match="named by text or a whole number"):
         find_rigs(tmp_path, "u")
     as_csv(tmp_path / "b.csv", recorded(0, 20))
-    with pytest.raises(LogError, match="a column names rigs in Parquet files only"):
+    with pytest.raises(LogError, match="only Parquet files can name rigs in a column"):
         find_rigs(tmp_path, "rig")
 
 

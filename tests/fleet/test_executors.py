@@ -132,13 +132,13 @@ def test_tasks_of_workers_that_died_are_done_by_new_ones(tmp_path: Path, deaths:
 @pytest.mark.slow
 def test_a_task_that_kills_every_worker_ends_the_run(tmp_path: Path) -> None:
     tasks = [(str(tmp_path), 0, 99)]
-    with workers("processes:1") as found, pytest.raises(SystemRefusedError, match=r"died .* without a task done"):
+    with workers("processes:1") as found, pytest.raises(SystemRefusedError, match=r"died .* without a finished task"):
         list(carried_out(found, die_first, tasks))
     assert len(list(tmp_path.iterdir())) == MOST_LOST + 1
 
 
 def test_workers_of_the_caller_that_died_are_not_made_anew(tmp_path: Path) -> None:
-    with processes(1) as pool, pytest.raises(SystemRefusedError, match="start them again"):
+    with processes(1) as pool, pytest.raises(SystemRefusedError, match="restart them"):
         list(carried_out(Workers(pool), die_first, [(str(tmp_path), 0, 1)]))
 
 
@@ -235,7 +235,7 @@ def test_dask_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_scheduler_that_does_not_answer_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("replant.fleet.executors.PATIENCE", 1.0)
     with (
-        pytest.raises(SystemRefusedError, match=r"no scheduler of Dask answers at 127\.0\.0\.1:9"),
+        pytest.raises(SystemRefusedError, match=r"no Dask scheduler responds at 127\.0\.0\.1:9"),
         workers("dask://127.0.0.1:9"),
     ):
         pass

@@ -320,9 +320,9 @@ def test_one_run_at_a_time_writes_a_folder(tmp_path: Path) -> None:
     ("options", "says"),
     [
         ({"method": "guess"}, "method"),
-        ({"method": "fit", "optimizer": "adam"}, "an optimizer is that of the method run"),
+        ({"method": "fit", "optimizer": "adam"}, "only the method run takes an optimizer"),
         ({"dt": 0.1, "time": "t"}, "give either the time column"),
-        ({"executor": "cluster"}, "is no executor; give threads:N"),
+        ({"executor": "cluster"}, "is not an executor; give threads:N"),
     ],
 )
 def test_options_that_cannot_be_used_are_refused(tmp_path: Path, options: dict, says: str) -> None:

@@ -182,7 +182,7 @@ def test_files_of_others_are_neither_overwritten_nor_removed(tmp_path: Path, the
     file = tmp_path / "out" / theirs
     file.parent.mkdir(parents=True)
     file.write_text("mine")
-    with pytest.raises(InvalidArgumentError, match="are not of a fleet, and would be overwritten"):
+    with pytest.raises(InvalidArgumentError, match="would be overwritten, but do not belong to a fleet"):
         fitted(small_fleet(tmp_path / "logs", 1), tmp_path / "out")
     assert file.read_text() == "mine"
 
@@ -227,7 +227,7 @@ def test_reports_of_models_that_are_made_anew_go(tmp_path: Path) -> None:
     [
         ("", "file", "logs is empty"),
         ("x" * 5000, "file", "no such file or folder .File name too long"),
-        ("a**", "file", "not a pattern that can be used"),
+        ("a**", "file", "not a valid pattern"),
         (".", "", "by is empty"),
         (".", 3, "by must be a str, got 3"),
         (3, "file", "logs must be a str or a PathLike, got int 3"),

@@ -256,7 +256,7 @@ def test_fleets_of_other_structures_are_not_compared(tmp_path: Path) -> None:
 
 def test_results_are_not_compared_with_themselves(tmp_path: Path) -> None:
     now = saved(tmp_path / "now", fleet(0, 10))
-    with pytest.raises(InvalidArgumentError, match="would take the place of those that they are compared with"):
+    with pytest.raises(InvalidArgumentError, match="would replace those that they are compared with"):
         drift_between(now, now)
 
 

@@ -45,7 +45,7 @@ def test_words(got: Any, expected: Any) -> None:
 
 
 def test_an_executor_that_is_none() -> None:
-    with pytest.raises(InvalidArgumentError, match="is no executor"):
+    with pytest.raises(InvalidArgumentError, match="is not an executor"):
         parsed("processes:none")
 
 

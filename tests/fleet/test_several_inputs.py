@@ -129,7 +129,7 @@ def test_a_wrong_unit_leaves_the_other_gains_or_turns_them_likewise(second: floa
         ("input must name a column, got none", {"input": (), "poles": (), "delay": ()}),
         ("poles has 3 entries and u 2 inputs", {"poles": (1, 1, 1)}),
         ("give the number of poles of each", {"poles": 1}),
-        ("poles has 2 entries, and there is one input", {"input": "Q1"}),
+        ("poles has 2 entries for one input: name the other inputs, too", {"input": "Q1"}),
         ("one input takes one reference, got 2", {"input": "Q1", "poles": 1, "delay": 0.0, "reference": ["a", "b"]}),
         ("several inputs take no optimizer yet", {"optimizer": "adam"}),
         ("several inputs take no input_map yet", {"input_map": "square"}),

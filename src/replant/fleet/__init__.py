@@ -1,4 +1,4 @@
-"""Fleets: a model of every rig of thousands, and sweeps over records, on the executors of one machine or of many.
+"""Fleets: a model of each of thousands of rigs, and sweeps over records, on the executors of one machine or many.
 
 See docs/fleet.md.
 """

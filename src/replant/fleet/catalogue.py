@@ -1,7 +1,7 @@
-"""The catalogue of a fleet: which rig has which logs, files or rows of Parquet files.
+"""The catalogue of a fleet: the logs of each rig, which are files or rows of Parquet files.
 
-A row group whose least and greatest name are equal is one rig's.  Of one with several rigs, or without statistics, the
-column of the names is read, and nothing else; each rig then reads that row group and keeps its own rows.
+A row group whose smallest and largest name are equal belongs to one rig.  If it has several rigs or no statistics, only
+the column of names is read; each rig then reads the whole row group and keeps its own rows.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ Key = str | int | None
 
 
 def rigs_in_columns(pieces: Sequence[Piece], column: str) -> list[tuple[str, Piece]]:
-    """Return name and rows of each rig; a file that cannot be read is a rig, by the file's name."""
+    """Return name and rows of each rig; an unreadable file is a rig with the file's name."""
     for piece in pieces:
         if not is_parquet(piece):
             raise LogError(
-                f"{piece.path}: no folder {column}=..., and a column names rigs in Parquet files only; "
+                f"{piece.path}: no folder {column}=..., and only Parquet files can name rigs in a column; "
                 "choose --by file or --by folder"
             )
     with ThreadPoolExecutor(READERS, "replant-footers") as pool:
@@ -71,16 +71,16 @@ def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece]]:
             part = replace(part, column=column, key=key)
         name = "" if key is None else str(key)
         if not name.strip():
-            lacking = f"{piece.path}: {rows} rows have no value in column {column!r}, so that they are no rig's"
+            lacking = f"{piece.path}: {rows} rows have no value in column {column!r}, and belong to no rig"
             name, part = NAMELESS, replace(part, problem=lacking)
         parts.append((name, part))
     return parts
 
 
 def _groups(file: Any, column: str) -> dict[Key, tuple[list[int], int, bool]]:
-    """Return, for each rig, its row groups, about how many rows it has, and whether they are its alone."""
+    """Return for each rig its row groups, its number of rows, and whether the groups contain no other rig."""
     about, found = file.metadata, defaultdict(list)
-    # its number in the footer, where a column of structures counts once for each of its fields
+    # the column's number in the footer, which counts each field of a structure
     leaf = [about.schema.column(number).path for number in range(about.num_columns)].index(column)
     for group in range(about.num_row_groups):
         rows, statistics = about.row_group(group).num_rows, about.row_group(group).column(leaf).statistics
@@ -99,14 +99,14 @@ def _groups(file: Any, column: str) -> dict[Key, tuple[list[int], int, bool]]:
 
 
 def _counted(file: Any, group: int, name: str) -> list[tuple[Key, int]]:
-    """Return the rigs of a row group, and how many rows each has."""
+    """Return the rigs of a row group with their numbers of rows."""
     column = file.read_row_group(group, columns=[name], use_threads=False).column(0)
     counts = column.combine_chunks().value_counts() if column.num_chunks else []
     return [(entry["values"].as_py(), entry["counts"].as_py()) for entry in counts]
 
 
 def _is_name(kind: Any) -> bool:
-    """Return whether an Arrow type is that of text or whole numbers."""
+    """Return whether an Arrow type is text or a whole number."""
     from pyarrow import types
 
     if types.is_dictionary(kind):
@@ -115,9 +115,9 @@ def _is_name(kind: Any) -> bool:
 
 
 FILE, FOLDER = "file", "folder"
-HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"  # what writers of hive folders put in the place of no value
-NOBODY = "{}: the folder {}= has no value, so that its rows are no rig's"
-SHOWN = 200  # characters of a path that is not there that a message shows [characters]
+HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"  # the value of hive folders for a missing value
+NOBODY = "{}: the folder {}= has no value, and its rows belong to no rig"
+SHOWN = 200  # most characters of a missing path in a message [characters]
 _MAGIC = frozenset("*?[")
 
 
@@ -157,7 +157,7 @@ def is_parquet(piece: Piece) -> bool:
 
 
 def _pieces(logs: str | os.PathLike[str], leave_out: Path | None) -> list[Piece]:
-    """Return the logs in a file, a folder or a pattern, sorted by their names, which begin at its fixed part."""
+    """Return the logs of a file, a folder or a pattern, sorted by name; names are relative to its fixed part."""
     given = os.fspath(logs)
     root, pattern = Path(given), ""
     try:
@@ -174,7 +174,7 @@ def _pieces(logs: str | os.PathLike[str], leave_out: Path | None) -> list[Piece]
     try:
         matched = set(root.glob(pattern)) if pattern else {root}
     except (OSError, ValueError, NotImplementedError) as error:
-        raise LogError(f"{logs}: not a pattern that can be used ({error}); write it as in 'logs/**/*.csv'") from error
+        raise LogError(f"{logs}: not a valid pattern ({error}); write it as in 'logs/**/*.csv'") from error
     results = None if leave_out is None else os.path.realpath(leave_out)
 
     @cache
@@ -197,24 +197,24 @@ def _pieces(logs: str | os.PathLike[str], leave_out: Path | None) -> list[Piece]
 
 
 def _check_root(root: Path, leave_out: Path | None) -> None:
-    """Check that the logs do not lie where results are."""
+    """Check that the folder of the logs is not one of results."""
     if leave_out is not None and os.path.realpath(root) == os.path.realpath(leave_out):
         raise InvalidArgumentError(
             f"{leave_out} is the folder of the logs; name another one for the results (out, --out), such as "
             f"{leave_out / 'fleet'}"
         )
     if is_results(root):
-        raise LogError(f"{root}: holds the results of a fleet, which are no logs; name the folder of the logs")
+        raise LogError(f"{root}: holds the results of a fleet, not logs; name the folder of the logs")
 
 
 def _folder(name: str) -> str:
-    """Return the folder of a file, from the folder of all logs on; empty for that one itself."""
+    """Return the folder of a file, relative to the folder of all logs; empty for that folder itself."""
     folder = Path(name).parent.as_posix()
     return folder if folder != "." else ""
 
 
 def _own_name(pieces: Sequence[Piece]) -> str:
-    """Return the name of the folder of all logs as a rig: its own, or a dot where a folder in it has the same."""
+    """Return the rig name of the folder of all logs: its own name, or a dot if a folder in it has the same name."""
     inner = next((piece for piece in pieces if not _folder(piece.name)), None)
     name = "" if inner is None else printable(Path(inner.path).parent.resolve().name)
     return name if name and not any(_folder(piece.name) == name for piece in pieces) else "."
@@ -230,10 +230,10 @@ def _hive_key(name: str, column: str) -> str | None:
 
 
 def _walked(folder: Path, is_left_out: Callable[[Path], bool]) -> dict[Path, str]:
-    """Return the logs in a folder and in those in it, and what is wrong with one; hidden folders are not searched."""
+    """Return the logs in a folder and its subfolders, with the problem of each; hidden folders are not searched."""
     found: dict[Path, str] = {}
     refused: list[OSError] = []
-    # a link to a folder that is being searched would lead round for ever: it is not followed
+    # a link to a folder above itself would be followed for ever
     above = {folder: {os.path.realpath(folder)}}
     for top, folders, names in os.walk(folder, onerror=refused.append, followlinks=True):
         where = Path(top)
@@ -250,12 +250,12 @@ def _walked(folder: Path, is_left_out: Callable[[Path], bool]) -> dict[Path, str
 
 
 def _piece(path: Path, root: Path, problem: str = "") -> Piece:
-    """Return a log with its size and time; one that is not there is left to the reader to tell."""
+    """Return a log with its size and time; a missing file is reported by the reader."""
     size = modified = 0
     with contextlib.suppress(OSError):
         about = path.stat()
         if not stat.S_ISREG(about.st_mode):  # reading a pipe would wait for ever
-            problem = problem or f"{path}: no file, but a folder, a pipe or a device; take it out of the logs"
+            problem = problem or f"{path}: a folder, a pipe or a device, not a file; remove it from the logs"
         size, modified = about.st_size, about.st_mtime_ns
     name = printable(path.relative_to(root).as_posix())
     return Piece(str(path.absolute()), name, size, modified, problem=problem)

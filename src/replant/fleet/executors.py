@@ -1,4 +1,4 @@
-"""Executors: where the shares of a fleet are worked on, and how they are handed out."""
+"""Executors: the workers of a fleet, and the distribution of tasks to them."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from typing import TypeVar
 from replant.errors import InvalidArgumentError, SystemRefusedError, needs, shown
 from replant.numerics.operating_system import THREADS, refusal, signals_blocked
 
-MOST_WAITING = 1024  # tasks with the workers at a time: enough for a large cluster, and little memory [count]
-MOST_LOST = 3  # a pool that dies more often in a row without a task done is killed by a task [count]
+MOST_WAITING = 1024  # most tasks submitted at a time: enough for a large cluster, and little memory [count]
+MOST_LOST = 3  # most deaths of a pool in a row without a finished task; after more a task must be the cause [count]
 
-#: Errors of Dask that say that a worker died, by their names: it may not be installed.
+#: Names of Dask's errors for the death of a worker: Dask may not be installed.
 LOST = ("KilledWorker", "CancelledError", "FutureCancelledError")
 
 T = TypeVar("T")
@@ -37,9 +37,9 @@ R = TypeVar("R")
 
 
 def carried_out(workers: Workers, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[tuple[int, R]]:
-    """Yield number and result of each task as they end; a pool whose worker died is made anew, and goes on."""
+    """Yield number and result of each task as it ends; a pool whose worker died is replaced, and its tasks repeated."""
     call = partial(_alone, function)
-    with _one_thread():  # here, too: of threads that end one after the other the first one gives back what it found
+    with _one_thread():  # also here: the limits are global, and threads would restore them while others still run
         if workers.executor is None:
             yield from enumerate(map(call, tasks))
             return
@@ -79,7 +79,7 @@ def _alone(function: Callable[[T], R], task: T) -> R:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Have linear algebra use one thread, so that no sum depends on it; the environment does without threadpoolctl."""
+    """Limit linear algebra to one thread, as sums depend on their number; without threadpoolctl do nothing."""
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(ImportError):
             from threadpoolctl import threadpool_limits
@@ -91,44 +91,44 @@ def _one_thread() -> Iterator[None]:
 def _renewed(workers: Workers, error: BaseException, lost: int) -> Executor:
     if workers.renew is None:
         raise SystemRefusedError(
-            f"the workers died ({type(error).__name__}): start them again, with more memory each if they lacked "
-            "it, and then this; what is done stays done"
+            f"the workers died ({type(error).__name__}): restart them, with more memory each if they lacked it, and "
+            "repeat the call; finished rigs are kept"
         ) from error
     if lost >= MOST_LOST:
         raise SystemRefusedError(
-            f"the workers died {lost + 1} times in a row without a task done: give fewer of them (--on), so that each "
-            "has more memory; what is done stays done"
+            f"the workers died {lost + 1} times in a row without a finished task: use fewer (--on), so that each has "
+            "more memory; finished rigs are kept"
         ) from error
     return workers.renew()
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a fleet is."""
+    """The progress of a fleet."""
 
     rigs: int  # all rigs
-    done: int  # rigs that are done, with those of an earlier run
-    failed: int  # how many of these failed in this run
+    done: int  # finished rigs, including those of an earlier run
+    failed: int  # rigs that failed in this run
     samples: int  # samples used in this run
-    part: float  # part of the work that is done, by the plan, up to 1
+    part: float  # finished part of the planned work, up to 1
 
 
-PATIENCE = 30.0  # time within which a scheduler of Dask must answer [s]
-RETRIES = 3  # how often Dask gives a task to another worker when its worker dies [count]
+PATIENCE = 30.0  # timeout of a Dask scheduler [s]
+RETRIES = 3  # most times that Dask moves a task to another worker after its worker died [count]
 _FORMS = "threads:N, processes:N or dask://HOST:PORT"
 
 
 @dataclass(frozen=True, eq=False)
 class Workers:
-    """An executor, and how to make it anew when its workers died."""
+    """An executor, and a function that replaces it after its workers died."""
 
     executor: Executor | None  # None: this thread
-    renew: Callable[[], Executor] | None = None  # None where the executor is the caller's
+    renew: Callable[[], Executor] | None = None  # None if the executor is the caller's
 
 
 @contextmanager
 def workers(on: Executor | str | None) -> Iterator[Workers]:
-    """Open an executor for the ``with`` block; one that the caller gives stays open."""
+    """Open an executor for the ``with`` block; the caller's own executor stays open."""
     if on is None:
         yield Workers(None)
         return
@@ -155,8 +155,8 @@ def workers(on: Executor | str | None) -> Iterator[Workers]:
 
             try:
                 yield Workers(made(), made)
-            except KeyboardInterrupt:  # what is being done is not waited for, and not written
-                for started in pools:  # first, as a pool that breaks reports to tasks that are cancelled, and fails
+            except KeyboardInterrupt:  # abandon running tasks without their results
+                for started in pools:  # cancel first: a pool that breaks fails if it reports to cancelled tasks
                     started.shutdown(wait=False, cancel_futures=True)
                 for process in set(active_children()) - others:
                     process.terminate()
@@ -170,30 +170,32 @@ def parsed(on: str) -> tuple[str, str]:
         return kind, rest
     if kind == "dask" and rest.startswith("//") and rest[2:].rpartition(":")[2].isdecimal():
         return kind, rest[2:]
-    raise InvalidArgumentError(f"{on!r} is no executor; give {_FORMS} (executor, --on)")
+    raise InvalidArgumentError(f"{on!r} is not an executor; give {_FORMS} (executor, --on)")
 
 
 def processes(count: int) -> ProcessPoolExecutor:
-    """Return a pool of fresh processes of one thread each, which end with this one; a fork would lose threads."""
+    """Return a pool of spawned processes with one thread each, which end with this one; a fork would lose threads."""
     with _one_thread_each():
         pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
         try:
             with signals_blocked(signal.SIGINT):
-                started = [pool.submit(os.getpid) for _ in range(count)]  # they start now, with this environment
+                started = [
+                    pool.submit(os.getpid) for _ in range(count)
+                ]  # starts all processes now, with this environment
             for future in started:
                 future.result()
         except (BrokenExecutor, OSError) as error:
             pool.shutdown(cancel_futures=True)
             raise SystemRefusedError(
-                f"{count} worker processes cannot be started ({refusal(error) or type(error).__name__}): give fewer of "
-                "them; a script that starts processes must be a file, and needs: if __name__ == '__main__':"
+                f"{count} worker processes cannot be started ({refusal(error) or type(error).__name__}): use fewer; "
+                "a script that starts processes must be a file, and needs: if __name__ == '__main__':"
             ) from error
     return pool
 
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Set the variables that a new process reads when it loads its libraries; those that are set stay."""
+    """Set the environment variables that limit the threads of new processes; those already set are kept."""
     added = [name for name in THREADS if name not in os.environ]
     os.environ.update(dict.fromkeys(added, "1"))
     try:
@@ -204,8 +206,8 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """End this process when the one that started it ends, even by a signal: else it would wait for ever."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches both; the one that started this ends it
+    """End this process when its parent ends, even by a signal: otherwise it would wait for ever."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches both; the parent ends this process
     parent = parent_process()
     assert parent is not None
 
@@ -223,8 +225,6 @@ def _dask(address: str) -> Iterator[Executor]:
     try:
         client = Client(f"tcp://{address}", timeout=PATIENCE)
     except (OSError, ValueError) as error:
-        raise SystemRefusedError(
-            f"no scheduler of Dask answers at {address}; start one with: dask scheduler"
-        ) from error
+        raise SystemRefusedError(f"no Dask scheduler responds at {address}; start one with: dask scheduler") from error
     with client:
         yield client.get_executor(pure=False, retries=RETRIES)

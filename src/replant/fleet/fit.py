@@ -1,4 +1,4 @@
-"""Fit a fleet, open its results; and sweep a program over many settings."""
+"""Fit a fleet, and load its results; sweep a function or a grid of settings over records."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What one setting of a grid gives on one record.
+    """The result of one setting of a grid on one record.
 
     Attributes
     ----------
@@ -49,9 +49,9 @@ class Trial:
     record : int
         Number of the record, from 0.
     model : Model or None
-        None where the record could not be identified.
+        None if the record could not be identified.
     problem : str
-        Why not; empty where it could.
+        Why it could not be identified; empty if it could.
     """
 
     settings: tuple[tuple[str, Any], ...]
@@ -122,11 +122,13 @@ def _called(function: Callable[[T], R], record: T) -> R:
     except Exception as error:
         if parent_process() is None or _travels(error):
             raise
-        raise RuntimeError(f"{type(error).__name__}: {error}") from None  # as itself it would break the pool
+        raise RuntimeError(
+            f"{type(error).__name__}: {error}"
+        ) from None  # sent as it is, the error would break the pool
 
 
 def _travels(error: Exception) -> bool:
-    """Return whether an error can be sent to another process: one whose arguments differ from its text often cannot."""
+    """Return whether an error can be pickled and restored; one whose arguments are not its text often cannot."""
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:
@@ -183,16 +185,16 @@ class Fleet:
     Attributes
     ----------
     folder : Path
-        Holds ``rigs.parquet`` with one row a rig, ``models.jsonl``, ``timing.parquet`` and ``report.html``.
+        Contains ``rigs.parquet`` with one row per rig, ``models.jsonl``, ``timing.parquet`` and ``report.html``.
     structure : Structure or tuple of Structure
-        Of all models; of several inputs one each.
+        Structure of all models; for several inputs one for each.
     input_name : str or tuple of str
     output_name : str
-        The columns that were asked for.
+        The requested columns.
     logs, by : str
-        What was identified.
+        The identified logs, and what names their rigs.
     job : Job or None
-        How it was identified; None for results that were loaded.
+        The options of the identification; None for loaded results.
     """
 
     folder: Path
@@ -205,15 +207,15 @@ class Fleet:
 
     @property
     def shape(self) -> Shape:
-        """What columns the table has for the models."""
+        """The structure of the models with the names of several inputs, which determine the columns of the table."""
         return Shape.of(self.structure, self.input_name)
 
     def table(self) -> Any:
-        """Return one row a rig as a `pyarrow.Table`, sorted by rig."""
+        """Return one row per rig as a `pyarrow.Table`, sorted by rig."""
         return read_table(self.folder, TABLE)
 
     def to_pandas(self) -> Any:
-        """Return one row a rig as a `pandas.DataFrame`, sorted by rig."""
+        """Return one row per rig as a `pandas.DataFrame`, sorted by rig."""
         return self.table().to_pandas()
 
     def __len__(self) -> int:
@@ -221,7 +223,7 @@ class Fleet:
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """How many rigs have each verdict, the most frequent first; "failed" are those without a model."""
+        """Number of rigs by verdict, the most frequent first; "failed" are rigs without a model."""
         counts = Counter(verdicts_of(self.table()).tolist())
         return dict(sorted(counts.items(), key=lambda each: (-each[1], each[0])))
 
@@ -235,7 +237,7 @@ class Fleet:
         Returns
         -------
         Model or RowModel
-            A RowModel of several inputs.
+            A RowModel for several inputs.
 
         Raises
         ------
@@ -251,17 +253,17 @@ class Fleet:
         raise InvalidArgumentError(f"{self.folder}: no rig {rig!r} with a model")
 
     def column(self, name: str) -> Any:
-        """Return a column of numbers (N,) as float64, in the order of the rigs; NaN where a figure is not known."""
+        """Return a column of numbers (N,) as float64, in the order of the rigs; NaN if unknown."""
         return column(self.table(), name)
 
 
 def load(folder: str | Path) -> Fleet:
-    """Return the results in a folder that `fit` or ``replant fleet --out`` has written.
+    """Load the results from a folder that `fit` or ``replant fleet --out`` has written.
 
     Raises
     ------
     LogError
-        If there are none.
+        If there are no results.
 
     Examples
     --------
@@ -307,13 +309,13 @@ def fit(
     optimizer: Optimizer | str = AUTO,
     progress: Callable[[Progress], None] | None = None,
 ) -> Fleet:
-    """Identify every rig of a fleet, each by itself, and write one row a rig.
+    """Identify each rig of a fleet separately, and write one row per rig.
 
-    Rigs that an earlier call with the same options has done stay as they are, unless their files have changed.  A rig
-    that cannot be identified is a row with the verdict "failed" and the reason.
+    Rigs that an earlier call with the same options has identified are kept, unless their files have changed.  A rig
+    that cannot be identified gives a row with the verdict "failed" and the reason.
 
-    Of several inputs, ``input`` is a list of columns, and ``poles``, ``zeros`` and ``delay`` have an entry for each;
-    the columns of the table that are an input's end in its name, as ``dc_gain.Q1``.
+    For several inputs, ``input`` is a list of columns, and ``poles``, ``zeros`` and ``delay`` have one entry for each;
+    the table's columns about one input end in its name, as ``dc_gain.Q1``.
 
     >>> import tempfile
     >>> import numpy as np

@@ -1,4 +1,4 @@
-"""The job of a fleet, the shape of its models, its tasks, and the files of its folder."""
+"""The job of a fleet: its options, the shape of its models, its rigs and tasks, and the files of its folder."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from replant.numerics.operating_system import refusal
 
 @dataclass(frozen=True)
 class Shape:
-    """The structure of a fleet's models, or that of each of several inputs."""
+    """The structure of a fleet's models, or one structure for each of several inputs."""
 
     structures: tuple[Structure, ...]
-    inputs: tuple[str, ...] = ()  # names of several; columns of the table then end in a dot and such a name
+    inputs: tuple[str, ...] = ()  # names of several inputs; columns of the table then end in a dot and the name
 
     @classmethod
     def of(cls, structure: Structure | tuple[Structure, ...], inputs: Any) -> Shape:
@@ -41,23 +41,23 @@ class Shape:
 
     @property
     def branches(self) -> list[tuple[str, str, Structure]]:
-        """Of each input its name, how its columns end, and its structure; of a single one no name and no ending."""
+        """For each input its name, the ending of its columns, and its structure; both are empty for a single input."""
         named = [(name, f".{name}") for name in self.inputs] or [("", "")]
         return [(*each, structure) for each, structure in zip(named, self.structures, strict=True)]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters, those of one input after the other."""
+        """Names of the parameters, one input after the other."""
         return tuple(f"{name}{end}" for _, end, structure in self.branches for name in structure.names)
 
     @property
     def size(self) -> int:
-        """How many parameters there are."""
+        """Number of parameters."""
         return sum(each.size for each in self.structures)
 
     @property
     def coefficients(self) -> int:
-        """How many of them are coefficients."""
+        """Number of parameters that are coefficients."""
         return sum(each.coefficients for each in self.structures)
 
     def __str__(self) -> str:
@@ -67,14 +67,14 @@ class Shape:
 def wanted(
     inputs: Any, structure: Structure | Sequence[Structure] | None, poles: Any, zeros: Any, delay: Any
 ) -> Structure | tuple[Structure, ...]:
-    """Return the structure asked for, of several inputs a tuple of them.
+    """Return the requested structure, a tuple for several inputs.
 
     >>> [each.poles for each in wanted(["u1", "u2"], None, (2, 1), 0, 0.0)]
     [2, 1]
     """
     if not iterable(inputs):
         if poles is not None and iterable(poles):
-            raise InvalidArgumentError(f"poles has {len(poles)} entries, and there is one input: name the others")
+            raise InvalidArgumentError(f"poles has {len(poles)} entries for one input: name the other inputs, too")
         return Structure.wanted(structure, poles, zeros, delay)  # type: ignore[arg-type]
     if structure is None:
         return structures_of(len(inputs), poles, zeros, delay)
@@ -88,12 +88,12 @@ def wanted(
 
 
 METHODS = ("run", "fit")
-FORMAT = 2  # version of the files that a fleet writes; those of another version are made anew [number]
+FORMAT = 2  # version of a fleet's files; files of another version are made anew [number]
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is done with each rig: the options of `replant.run` and `replant.fit`; of several inputs tuples of them."""
+    """The options of identification for every rig, as of `replant.run` and `replant.fit`; tuples for several inputs."""
 
     input: str | int | tuple[str | int, ...]
     output: str | int
@@ -123,16 +123,16 @@ class Job:
         if isinstance(self.reference, tuple) and not self.several:
             check_one_reference(len(self.reference))
         if self.dt is not None and self.time is not None:
-            raise InvalidArgumentError("give one of the time column (time, --time) and the sampling time (dt, --dt)")
+            raise InvalidArgumentError("give either the time column (time, --time) or the sampling time (dt, --dt)")
         keep(self, "method", one_of, METHODS)
         keep(self, "input_map", one_of, ("identity", "square"))
         if self.method == "fit" and self.optimizer != AUTO:
-            raise InvalidArgumentError("an optimizer is that of the method run: leave it out, or use the method run")
+            raise InvalidArgumentError("only the method run takes an optimizer: leave it out, or use the method run")
         if self.method == "run" and not self.several:
-            self.request(1.0 if self.dt is None else self.dt)  # raises what no rig could be identified with
+            self.request(1.0 if self.dt is None else self.dt)  # raises if the options are invalid for every rig
 
     def _check_several(self) -> None:
-        """Check what several inputs are, and what they do not take yet."""
+        """Check several inputs, and refuse options that they do not support yet."""
         assert isinstance(self.input, tuple)
         for each in self.input:
             if self.input.count(each) > 1:
@@ -149,22 +149,22 @@ class Job:
 
     @property
     def shape(self) -> Shape:
-        """That of the models."""
+        """The shape of the models."""
         return Shape.of(self.structure, self.input)
 
     def request(self, dt: float) -> Request:
-        """Return the settings of an identifier of one input for records with a sampling time ``dt`` in s."""
+        """Return the request for an identifier of one input with the sampling time ``dt`` in s."""
         assert isinstance(self.structure, Structure)
         return Request(self.structure, dt, optimizer=self.optimizer, preprocess=self.preprocess)
 
     @property
     def preprocess(self) -> Preprocess:
-        """Input map and working point, which is the record's mean: a rig is rarely at rest at zero."""
+        """Input map and working point; the latter is the record's mean, as a rig is rarely at rest at zero."""
         return Preprocess(self.input_map, "mean", "mean")
 
     @property
     def key(self) -> str:
-        """Digest of all options and of the version of replant: another one means that all is done again."""
+        """Digest of all options and of replant's version; if it changes, all rigs are identified again."""
         return digest(FORMAT, version("replant"), self)
 
 
@@ -172,20 +172,20 @@ class Job:
 class Piece:
     """A file of a rig, or a part of one."""
 
-    path: str  # as every worker finds it
-    name: str  # the path from the folder of all logs on
+    path: str  # absolute path
+    name: str  # path relative to the folder of all logs
     size: int  # size, modified: in bytes, and in ns since 1970
     modified: int
-    groups: tuple[int, ...] | None = None  # row groups of a Parquet file; None for all of a file
-    rows: int = 0  # rows of those groups; 0 where they are not known
+    groups: tuple[int, ...] | None = None  # row groups of a Parquet file; None: the whole file
+    rows: int = 0  # rows of those groups; 0 if unknown
     column: str = ""
-    # the column whose value is ``key`` in the rig's rows; an empty name where all rows are the rig's
+    # the value of ``column`` in the rig's rows; if ``column`` is empty, all rows are the rig's
     key: str | int | None = None
-    problem: str = ""  # why it cannot be identified, where that is known beforehand
+    problem: str = ""  # why the piece cannot be identified, if known beforehand
 
     @property
     def row_groups(self) -> RowGroups:
-        """Where its rows lie in a Parquet file."""
+        """Its rows in a Parquet file."""
         return RowGroups(Path(self.path), self.groups, self.column, self.key)
 
 
@@ -198,12 +198,12 @@ class Rig:
 
     @property
     def problem(self) -> str:
-        """Why it cannot be identified, where that is known beforehand."""
+        """Why the rig cannot be identified, if known beforehand."""
         return next((piece.problem for piece in self.pieces if piece.problem), "")
 
     @property
     def fingerprint(self) -> str:
-        """Digest of names, sizes and times of its files: another one means that the rig is done again."""
+        """Digest of names, sizes and times of its files; if it changes, the rig is identified again."""
         told = [(one.name, one.size, one.modified, one.groups, one.column, one.key) for one in self.pieces]
         return digest(sorted(map(repr, told)))
 
@@ -214,7 +214,7 @@ def _column(name: str, value: Any) -> str | int:
 
 
 def _columns(name: str, value: Any) -> str | int | tuple[str | int, ...]:
-    """Return the name or number of a column, of several a tuple."""
+    """Return the name or number of a column, or a tuple of several."""
     if not iterable(value):
         return _column(name, value)
     if not value:
@@ -223,13 +223,13 @@ def _columns(name: str, value: Any) -> str | int | tuple[str | int, ...]:
 
 
 def digest(*told: object) -> str:
-    """Return a digest of values by what they show."""
+    """Return a digest of values by their repr."""
     return hashlib.sha256(repr(told).encode()).hexdigest()[:20]
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give the name under which a file is written, see `numerics.operating_system.replacing`."""
+    """Give the temporary name for writing a file, see `numerics.operating_system.replacing`."""
     try:
         with operating_system.replacing(path) as new:
             yield new
@@ -238,47 +238,47 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def clear(folder: Path) -> None:
-    """Remove what writers that were killed have left."""
+    """Remove temporary files of killed writers."""
     for left in folder.glob(f".*{operating_system.ENDING}"):
         with contextlib.suppress(OSError):
             left.unlink(missing_ok=True)
 
 
 def printable(text: str) -> str:
-    """Return a text with the bytes of a file's name that are no UTF-8 written out: tables hold text alone."""
+    """Escape the bytes of a file's name that are not UTF-8, as tables require."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 TABLE, TIMING, MODELS, ABOUT = "rigs.parquet", "timing.parquet", "models.jsonl", "fleet.json"
 STORE, REPORTS = "fleet.sqlite", "reports"
-BEFORE = Path("manifest", ".lock")  # what a fleet wrote in place of `STORE` before replant had that
+BEFORE = Path("manifest", ".lock")  # older versions of replant wrote this instead of `STORE`
 
 
 def is_results(folder: Path) -> bool:
-    """Return whether a fleet has written into a folder, be it done or not."""
+    """Return whether a fleet has written into a folder, even if it is not finished."""
     return any((folder / name).is_file() for name in (ABOUT, STORE, BEFORE))
 
 
 def foreign(folder: Path) -> list[str]:
-    """Return the names in a folder under which a fleet would write, although no fleet has written there."""
+    """Return existing names that a fleet would overwrite, in a folder without results of a fleet."""
     if is_results(folder):
         return []
     return [name for name in (TABLE, TIMING, MODELS, REPORTS) if (folder / name).exists()]
 
 
 def report_path(rig: str) -> str:
-    """Return the path of a rig's report, from the folder of the fleet on; rigs with like names have different ones."""
+    """Return the path of a rig's report in the fleet's folder, unique also for rigs with similar names."""
     plain = re.sub(r"[^A-Za-z0-9]+", "-", rig).strip("-")[:60]
     return f"{REPORTS}/{plain}-{digest(rig)[:6]}.html"
 
 
-FIXED = 100_000  # work of a rig beside its samples, by benchmarks/fleet [samples that take as long]
+FIXED = 100_000  # work for a rig that does not depend on its length, by benchmarks/fleet [equivalent samples]
 TEXT_ROW, BINARY_ROW = 24, 12  # usual size of a row of time, input and output in text, and in other formats [bytes]
-FEWEST, LARGEST = 64, 20_000_000  # least number of tasks, and most work of one: about a minute [count, samples]
+FEWEST, LARGEST = 64, 20_000_000  # intended number of tasks, and most work of a task: about a minute [count, samples]
 
 
 def work_of(rig: Rig) -> int:
-    """Return how long a rig takes, in samples that take as long."""
+    """Return the work for a rig in equivalent samples."""
     rows = 0
     for piece in rig.pieces:
         suffix = Path(piece.path).suffix.lower()
@@ -288,7 +288,7 @@ def work_of(rig: Rig) -> int:
 
 
 def planned(rigs: Sequence[Rig]) -> list[tuple[Rig, ...]]:
-    """Return the tasks for rigs, which are sorted by name: groups of them, those with the most work first."""
+    """Group rigs, which are sorted by name, into tasks; return the tasks with the most work first."""
     share, before = min(LARGEST, sum(map(work_of, rigs)) / FEWEST), 0
     groups: dict[int, list[Rig]] = {}
     for rig in rigs:

@@ -1,4 +1,4 @@
-"""Which rigs are odd among their fleet, and which have drifted since an earlier one."""
+"""The odd rigs of a fleet, and the rigs that have drifted since an earlier identification."""
 
 from __future__ import annotations
 
@@ -26,36 +26,36 @@ from replant.fleet.statistics import (
 from replant.fleet.store import FAILED, column, verdicts_of
 from replant.numerics.arguments import BoolArray, FloatArray
 
-FEWEST = 8  # trusted rigs beyond their coefficients from which on there is something usual [count]
-# a normal variable is so far in one of 16,000 cases
-FEW_SIGMA = 4.0  # distance in one quantity from which on it is named as well [standard deviations]
-# a tenth or two of a record at rest are usual; a sensor that is stuck for less is the verdict's to notice
-STANDING = 0.2  # part over which an output that stands still is a finding, if the fleet's do not [part of the record]
-# a rig of the fleet has a fit near the usual one; a wrong signal one near 0
-POOR = 0.5  # share of the fleet's usual fit below which one that is not trusted is a finding [part]
-# the most usual is the 90 % quantile of the trusted rigs, whose noise differs by less; by benchmarks/fleet a wrong
-# column leaves 10 times as much and more
-UNEXPLAINED = 4.0  # what an odd rig's model leaves of the output, over the most usual [ratio of 100 % - fit]
+FEWEST = 8  # trusted rigs beyond the number of coefficients that suffice to determine what is usual [count]
+# a normal variable exceeds it in one of 16,000 cases
+FEW_SIGMA = 4.0  # deviation of a quantity from which it is named, too [standard deviations]
+# records are often at rest for a tenth or two; the verdict detects a sensor that is stuck for less
+STANDING = 0.2  # constant part of an output that is a finding, unless it is usual in the fleet [part of the record]
+# a usual rig has nearly the fleet's usual fit; a wrong signal gives a fit near 0
+POOR = 0.5  # part of the fleet's usual fit below which the fit of a rig that is not trusted is a finding [part]
+# the limit is relative to the 90 % quantile of the trusted rigs, whose noise varies by less; by benchmarks/fleet a
+# wrong column leaves at least 10 times as much
+UNEXPLAINED = 4.0  # unexplained output from which a rig is odd, over that quantile [ratio of 100 % - fit]
 
 
 @dataclass(frozen=True, eq=False)
 class Oddness:
-    """What is said of each rig of a fleet."""
+    """The oddness of each rig of a fleet."""
 
-    # (N,): rows of the table by rank: odd ones first, then those that failed, those not trusted, others by distance
+    # (N,): rows of the table by rank: odd rigs, then failed ones, then those not trusted, then others by distance
     order: np.ndarray[tuple[int], np.dtype[np.int64]]
     odd: BoolArray  # (N,)
-    words: tuple[str, ...]  # why a rig is odd; empty where it is not
-    # (N,): from the fleet, in standard deviations, those of its estimate among them; NaN where it is not known
+    words: tuple[str, ...]  # why a rig is odd; empty if it is not
+    # (N,): distance from the fleet in standard deviations of spread and estimate together; NaN if unknown
     distance: FloatArray
-    # physical quantities, their median in the fleet, and the ratio by which rigs usually differ from it
+    # physical quantities, their median in the fleet, and the usual ratio of rigs to it
     usual: tuple[tuple[Quantity, float, float], ...]
 
 
 def oddness_of(table: Any, shape: Shape) -> Oddness:
-    """Return what is odd in a fleet's table: trusted rigs of a distance less probable than `CHANCE` over their number.
+    """Return the odd rigs of a fleet: trusted ones at a distance less probable than `CHANCE` over the number of rigs.
 
-    Rigs that are not trusted do not move what is usual; they are odd where their signals show why.
+    Rigs that are not trusted do not affect what is usual; they are odd if their signals show the reason.
     """
     verdicts, figures = verdicts_of(table), figures_of(table, shape)
     trusted = verdicts == "trusted"
@@ -83,13 +83,13 @@ def oddness_of(table: Any, shape: Shape) -> Oddness:
 
 
 def _usual(figures: Figures, place: Location, quantity: Quantity, w: FloatArray) -> tuple[Quantity, float, float]:
-    """Return a quantity, its median in the fleet, and the ratio by which rigs usually differ from it."""
+    """Return a quantity, its median in the fleet, and the usual ratio of rigs to it."""
     middle = math.prod(figures.signs[w != 0.0]) * quantity.factor * math.exp(float(w @ place.centre))
     return quantity, middle, math.exp(math.sqrt(max(float(w @ place.spread @ w), 0.0)))
 
 
 def _of_figures(figures: Figures, place: Location, row: int, weighed: list[tuple[Quantity, FloatArray]]) -> str:
-    """Return in words how a rig differs from the fleet, the quantity that differs most first."""
+    """Return a text on the deviations of a rig from the fleet, the largest first."""
     total = (place.spread + figures.covariances[row]) * place.scale
     off = figures.x[row] - place.centre
     found = deviations(weighed, off, total, figures.reversed[row], figures.certainty[row], bound=1.0)
@@ -100,13 +100,13 @@ def _of_figures(figures: Figures, place: Location, row: int, weighed: list[tuple
         head = [f"wrong unit? {factor}"]
     rest = [each.words() for each in found if each.size >= FEW_SIGMA]
     if not head:
-        rest = rest or [each.words() for each in found[:1]] or ["the coefficients together lie far from the fleet's"]
+        rest = rest or [each.words() for each in found[:1]] or ["the coefficients together are far from the fleet's"]
     rest = [text for text in rest if not (head and text in head[0])]
     return "; ".join([*head, *(rest[:2] if not factor or turned else [])])
 
 
 def _of_signals(table: Any, shape: Shape, verdicts: Any) -> dict[int, str]:
-    """Return in words, by row, what the signals of rigs that are not trusted show."""
+    """Return texts, by row, on what the signals of rigs that are not trusted show."""
     trusted = verdicts == "trusted"
     held, moved, fit = (column(table, name) for name in ("output_held", "output_std", "fit"))
     entered = [(f"input {name}" if name else "input", f"input_std{end}") for name, end, _ in shape.branches]
@@ -129,7 +129,7 @@ def _of_signals(table: Any, shape: Shape, verdicts: Any) -> dict[int, str]:
 
 
 def _least_fit(trusted: FloatArray) -> float:
-    """Return the fit in percent below which the model leaves `UNEXPLAINED` times as much as it usually does at most."""
+    """Return the fit in percent at which 100 % - fit is `UNEXPLAINED` times its 90 % quantile over trusted rigs."""
     known = trusted[np.isfinite(trusted)]
     if known.size < FEWEST:
         return -math.inf
@@ -144,25 +144,25 @@ class Drifted:
     """A rig that has changed."""
 
     rig: str
-    distance: float  # in standard deviations, those of both estimates
-    words: str  # what has changed
+    distance: float  # in standard deviations of both estimates together
+    words: str  # the change
 
 
 @dataclass(frozen=True)
 class Drift:
-    """What has changed in a fleet."""
+    """The changes of a fleet between two identifications."""
 
-    common: int  # rigs that are in both
-    compared: int  # rigs that were trusted and are
-    drifted: tuple[Drifted, ...]  # those that have changed by more than chance, the most sure change first
-    fleet: tuple[str, ...]  # how the fleet as a whole has changed, by quantity
-    gone: tuple[str, ...]  # rigs that are no longer there
-    new: tuple[str, ...]  # rigs that were not there
-    lost: tuple[str, ...]  # rigs that were trusted and are not
+    common: int  # rigs in both
+    compared: int  # rigs trusted in both
+    drifted: tuple[Drifted, ...]  # rigs with a significant change, the most significant first
+    fleet: tuple[str, ...]  # changes of the fleet as a whole, by quantity
+    gone: tuple[str, ...]  # rigs that no longer exist
+    new: tuple[str, ...]  # rigs that did not exist before
+    lost: tuple[str, ...]  # rigs that are no longer trusted
 
 
 def drift_between(before: Fleet, now: Fleet) -> Drift:
-    """Return what has changed between two identifications: differences less probable than `CHANCE` over the rigs."""
+    """Return the changes between two identifications: differences less probable than `CHANCE` over the rigs' number."""
     import pyarrow
 
     check_comparable(before, now.shape, now.folder)
@@ -170,7 +170,7 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
     old_rows, new_rows = ({name: row for row, name in enumerate(of.column("rig").to_pylist())} for of in tables)
     both = [name for name in new_rows if name in old_rows]
     old, new = (
-        of.take(pyarrow.array([rows[name] for name in both], pyarrow.int64()))  # of no rig, too
+        of.take(pyarrow.array([rows[name] for name in both], pyarrow.int64()))  # typed, as the list may be empty
         for of, rows in zip(tables, (old_rows, new_rows), strict=True)
     )
     was, is_now = (verdicts_of(of) == "trusted" for of in (old, new))
@@ -187,7 +187,7 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
 
 
 def check_comparable(before: Fleet, shape: Shape, folder: Path) -> None:
-    """Check that results can be compared with those of a shape in a folder, before these are made."""
+    """Check that results can be compared with future ones of a shape in a folder."""
     if before.shape != shape:
         raise InvalidArgumentError(
             f"{before.folder}: its models are of {before.shape}, those of {folder} of {shape}; "
@@ -195,16 +195,16 @@ def check_comparable(before: Fleet, shape: Shape, folder: Path) -> None:
         )
     if before.folder.resolve() == folder.resolve():
         raise InvalidArgumentError(
-            f"{before.folder}: the new results would take the place of those that they are compared with; name another "
-            "folder (out, --out)"
+            f"{before.folder}: the new results would replace those that they are compared with; name another folder "
+            "(out, --out)"
         )
-    len(before)  # it can be read
+    len(before)  # raises if it cannot be read
 
 
 def _differences(
     rigs: list[str], old: Any, new: Any, trusted: BoolArray, shape: Shape
 ) -> tuple[tuple[Drifted, ...], tuple[str, ...]]:
-    """Return the rigs that have drifted, the most sure change first, and how the fleet has."""
+    """Return the drifted rigs, the most significant change first, and the changes of the fleet as a whole."""
     first = figures_of(old, shape, trusted)
     second = figures_of(new, shape, trusted)
     if (first.signs != second.signs).any():
@@ -234,7 +234,7 @@ def _differences(
 
 
 def _of_fleet(weighed: list[tuple[Quantity, FloatArray]], around: Location, P: FloatArray) -> tuple[str, ...]:
-    """Return by which ratio the fleet's quantities have changed, where that is more than chance."""
+    """Return texts on the significant changes of the fleet's quantities."""
     uncertain = np.linalg.inv(np.linalg.inv(around.spread + P).sum(axis=0)) * around.scale
     none = np.zeros(around.centre.size)
     found = deviations(weighed, around.centre, uncertain, none > 0.0, none)

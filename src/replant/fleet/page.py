@@ -28,13 +28,13 @@ from replant.report.matrix_page import Output, write_rows
 from replant.report.page_frame import asset, filled, heading, icon, page, script, section, words
 from replant.report.result_page import write_report
 
-WIDTH, HEIGHT, FOOT = 300, 90, 22  # size of the picture, and of the part for its axis [px]
-MOST_BARS = 40  # bars at most: few rigs get fewer [count]
-REACH = 6.0  # half of the width drawn, beside the interquartile range; rigs beyond are counted in words [number]
+WIDTH, HEIGHT, FOOT = 300, 90, 22  # size of the picture, and height of its axis [px]
+MOST_BARS = 40  # most bars; few rigs get fewer [count]
+REACH = 6.0  # half-width of the axis; rigs beyond are counted in the caption [interquartile ranges]
 
 
 def histogram(name: str, values: FloatArray, unit: str = "") -> str:
-    """Return the distribution of a figure over the rigs as a ``figure`` element."""
+    """Return the histogram of a quantity over the rigs as a ``figure`` element."""
     known = np.sort(values[np.isfinite(values)])
     if not known.size:
         return ""
@@ -64,7 +64,7 @@ def histogram(name: str, values: FloatArray, unit: str = "") -> str:
 
 
 def _range(known: FloatArray) -> tuple[float, float, float]:
-    """Return the median, and the ends of the axis: those of the values, but not farther than `REACH`."""
+    """Return the median, and the ends of the axis: the range of the values, limited to `REACH`."""
     low, middle, high = (float(value) for value in np.quantile(known, (0.25, 0.5, 0.75)))
     reach = REACH * (high - low)
     begin, end = max(float(known[0]), middle - reach), min(float(known[-1]), middle + reach)
@@ -75,8 +75,8 @@ def _range(known: FloatArray) -> tuple[float, float, float]:
 
 
 PAGE = "report.html"
-MOST_ROWS = 20_000  # rows of the page's table: more make a browser slow; rigs.parquet has all [rows]
-MOST_LISTED = 100  # rigs that are listed with words above the table [count]
+MOST_ROWS = 20_000  # most rows of the page's table: more make a browser slow; rigs.parquet has all [rows]
+MOST_LISTED = 100  # most rigs in the lists of odd and drifted rigs [count]
 _GRAVITY = {"trusted": "good", "converging": "warn", "not excited": "warn"}
 
 
@@ -144,13 +144,13 @@ def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
     """Return the section of odd rigs, and of those that failed."""
     rigs, verdicts, reasons = (table.column(name).to_pylist() for name in ("rig", "verdict", "reasons"))
     if not found.usual:
-        note = "Too few rigs are trusted to say what is usual."
+        note = "Too few rigs are trusted to determine what is usual."
     else:
         note = (
-            f"{int(found.odd.sum()):,} rigs are odd: they lie farther from the fleet than chance explains, or their "
-            "signals show why they are not trusted. In a fleet without odd rigs one is named by chance with a "
-            f"probability of {100.0 * CHANCE:g} %. The spread of the fleet and the uncertainty of each rig are taken "
-            "into account, so that an uncertain rig is not an odd one."
+            f"{int(found.odd.sum()):,} rigs are odd: they are farther from the fleet than chance explains, or their "
+            "signals show why they are not trusted. In a fleet without odd rigs, one is named by chance with a "
+            f"probability of {100.0 * CHANCE:g} %. The test accounts for the spread of the fleet and the uncertainty "
+            "of each rig, so that an uncertain rig is not odd."
         )
     rows = [row for row in found.order.tolist() if found.words[row] or verdicts[row] == FAILED][:MOST_LISTED]
     ranks = {row: rank for rank, row in enumerate(found.order.tolist(), 1)}
@@ -165,13 +165,13 @@ def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
 
 
 def _listed(rigs: Iterable[tuple[str, str]]) -> str:
-    """Return a list of rigs, their names as HTML, and what is said of each; nothing of none."""
+    """Return a list of rigs, each with its name as HTML and a text; empty without rigs."""
     items = "".join(f"<li><b>{name}</b><span>{words(said)}</span></li>" for name, said in rigs)
     return f'<br><ol class="oddities">{items}</ol>' if items else ""
 
 
 def _linked(fleet: Fleet, rig: str, rank: int) -> str:
-    """Return the name of a rig, as a link to its report, or where there is none to its row of the table."""
+    """Return the name of a rig as a link to its report or, if there is none, to its row of the table."""
     path = report_path(rig)
     target = html.escape(path) if (fleet.folder / path).exists() else f"#rig-{rank}"
     return f'<a href="{target}">{heading(rig)}</a>'
@@ -183,7 +183,7 @@ def _drift(drift: Drift, before: Fleet) -> str:
         "changed by more than the uncertainty of both estimates explains."
     ]
     if not drift.common:
-        said = [f"No rig of {before.folder} has the name of one of this fleet: there is nothing to compare."]
+        said = [f"{before.folder} and this fleet have no rig name in common: there is nothing to compare."]
     if drift.fleet:
         said.append(f"The fleet as a whole: {'; '.join(drift.fleet)}.")
     for rigs, what in ((drift.lost, "no longer trusted"), (drift.gone, "no longer there"), (drift.new, "new")):
@@ -206,7 +206,7 @@ def _histograms(fleet: Fleet, table: Any) -> str:
 
 
 def _quantities(fleet: Fleet, table: Any) -> list[tuple[Quantity, FloatArray]]:
-    """Return the physical quantities of all rigs; NaN where one has none."""
+    """Return the physical quantities of all rigs; NaN if a rig has none."""
     found = []
     with np.errstate(all="ignore"):
         for quantity in quantities_of(fleet.shape):
@@ -223,8 +223,8 @@ def _table_note(rows: int) -> str:
     more = f" The first {MOST_ROWS:,} of {rows:,} by rank; rigs.parquet has all." if rows > MOST_ROWS else ""
     return (
         "By rank: odd rigs first, then those that failed, those not trusted, and the others by their distance from the "
-        f"fleet in standard deviations. A click on a heading sorts.{more} Names that are links lead to reports, which "
-        f"--reports writes for the first {MOST_LISTED}."
+        f"fleet in standard deviations. A click on a heading sorts.{more} Names with a link lead to reports, which "
+        f"--reports writes for up to {MOST_LISTED} rigs."
     )
 
 
@@ -250,13 +250,13 @@ def _data(fleet: Fleet, table: Any, found: Oddness) -> dict[str, Any]:
     return {"columns": columns, "rows": rows}
 
 
-MOST_REPORTS = 100  # reports that are made at most: each takes some seconds [count]
+MOST_REPORTS = 100  # most reports: each takes some seconds [count]
 
 
 def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = None) -> int:
-    """Write the reports of the first rigs by rank, but for those that cannot be identified; return how many."""
+    """Write the reports of the first rigs by rank; return their number, without rigs that cannot be identified."""
     if fleet.job is None:
-        raise InvalidArgumentError("a fleet that was loaded has no options: call fit again, which does nothing twice")
+        raise InvalidArgumentError("a loaded fleet has no options: call fit again, which keeps the finished rigs")
     table = fleet.table()
     names = table.column("rig").to_pylist()
     first = {names[row] for row in oddness_of(table, fleet.shape).order[: min(count, MOST_REPORTS)].tolist()}
@@ -268,7 +268,7 @@ def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = No
 
 
 def _write_report(job: Job, folder: Path, rig: Rig) -> int:
-    """Write the report of a rig; return how many that are: 1, or 0 for a rig that cannot be identified."""
+    """Write the report of a rig; return 1, or 0 if the rig cannot be identified."""
     try:
         recording = opened(rig, job)
         result = result_of(recording, job, with_history=True)

@@ -1,7 +1,7 @@
-"""The statistics of a fleet: the quantities that are compared from rig to rig, what is usual, and how far a rig is off.
+"""The statistics of a fleet: the compared quantities, their location and spread, and the distance of each rig.
 
-The gain is b0/a0, the time constant of one pole 1/a0, the natural frequency of two sqrt(a0) and their damping
-a1 / (2 sqrt(a0)): the logarithm of each is a sum of those of the coefficients, whatever kind the poles are.
+The gain is b0/a0, the time constant of one pole 1/a0, the natural frequency of two poles sqrt(a0) and their damping
+a1 / (2 sqrt(a0)): the logarithm of each is linear in the logarithms of the coefficients, for real and complex poles.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.linear_algebra import chi2_quantile
 
-# a hundredth for the whole fleet, divided among its rigs
-CHANCE = 0.01  # probability that a fleet without an odd rig has one named [probability]
+# for the whole fleet: each rig gets its share
+CHANCE = 0.01  # probability that a rig is named odd in a fleet without odd rigs [probability]
 EFFICIENCY = 1.5
-"""By how many times fewer rigs tell the scale than there are, as it is made from quantiles [number].
-Origin: of fleets without an odd rig one is then named in 7 of 600 with 20 rigs, 3 of 400 with 50, 1 of 200 with 300;
-with 1 in 13 of 300, 3 of 100 and 2 of 100.
+"""Efficiency of the quantile scale: number of rigs over degrees of freedom of the scale [number].
+Origin: with it, a rig is named in 7 of 600 fleets of 20 usual rigs, in 3 of 400 of 50, and in 1 of 200 of 300; with 1
+instead, in 13 of 300, 3 of 100 and 2 of 100.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
-# an odd rig is far outside, a usual one is left out in one of forty cases; the spread is corrected for the cut
-KEPT = 0.975  # probability within which a rig takes part in location and spread [probability]
-STEPS = 60  # steps of the iteration: later ones move the spread by less than a hundredth [count]
-MOST_USED = 20_000  # rigs that location and spread are made from: they are then known to 1 % [count]
+# an odd rig is far outside; one in forty usual rigs is left out, and the spread is corrected for this truncation
+KEPT = 0.975  # probability of the region whose rigs determine location and spread [probability]
+STEPS = 60  # steps of the iteration: later ones change the spread by less than 1 % [count]
+MOST_USED = 20_000  # most rigs used for location and spread, which are then known to 1 % [count]
 SCALED_AT = (0.5, 0.75)
-"""Quantiles of the squared distances that the scale is made from [probability].
-Origin: with the quantile of 0.9 three odd rigs of 20, 8 deviations off, hide each other (1 of 600 named); with that of
-0.75 434 of 600 are, and of 30 in 300 99 % instead of 45 %.
+"""Quantiles of the squared distances from which the scale is computed [probability].
+Origin: with the 0.9 quantile, three odd rigs of 20 at 8 deviations mask each other (1 of 600 named); with the 0.75
+quantile, 434 of 600 are named, and of 30 odd rigs in 300, 99 % instead of 45 %.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 MAD = 1.4826  # standard deviation of a normal variable over its median absolute deviation [number]
-LEAST = 1e-6  # variance that is taken for none, beside the spread of the estimates [part]
+LEAST = 1e-6  # smallest variance of the rigs themselves [part of the estimates' variance]
 
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """What is usual in a fleet."""
+    """Location and spread of a fleet."""
 
     centre: FloatArray  # (p,)
     spread: FloatArray  # (p, p): covariance of the rigs themselves, without the uncertainty of their estimates
-    scale: float  # by how much squared distances exceed what the covariances say, at least 1
+    scale: float  # squared distances over those expected from the covariances, at least 1
 
     def squared_distances(self, x: FloatArray, covariances: FloatArray) -> FloatArray:
         """Return (x_i - m)' (S + P_i)^-1 (x_i - m) over the scale, (N,), for x (N, p) and P (N, p, p)."""
@@ -55,7 +55,7 @@ class Location:
 
 
 def limit_of(size: int, base: int, rigs: int) -> float:
-    """Return the squared distance that is reached by chance in one of 1/`CHANCE` fleets."""
+    """Return the squared distance that a rig exceeds by chance in one of 1/`CHANCE` fleets."""
     from scipy.special import betaincinv
 
     degrees = max((base - size) / EFFICIENCY, 1.0)
@@ -64,10 +64,10 @@ def limit_of(size: int, base: int, rigs: int) -> float:
 
 
 def located(x: FloatArray, covariances: FloatArray) -> Location:
-    r"""Return location and spread of :math:`x_i \sim N(m, S + P_i)`, of which some are something else.
+    r"""Return location and spread of :math:`x_i \sim N(m, S + P_i)` in the presence of outliers.
 
-    Expectation and maximization over the rigs within the quantile `KEPT`.  The scale makes two quantiles of the squared
-    distances at most what they should be: where covariances are too small, or no normal, fewer rigs are odd.
+    Expectation maximization over the rigs within the quantile `KEPT`.  The scale reduces two quantiles of the squared
+    distances to at most their expected values: if covariances are too small or not normal, fewer rigs are odd.
     """
     from scipy.special import chdtr
 
@@ -103,13 +103,13 @@ def _squared(off: FloatArray, covariances: FloatArray) -> FloatArray:
 
 
 def _spread_of(x: FloatArray) -> FloatArray:
-    """Return the robust standard deviation of each column; of one that hardly varies its size."""
+    """Return the robust standard deviation of each column; of a nearly constant column its magnitude."""
     found = MAD * np.median(np.abs(x - np.median(x, axis=0)), axis=0)
     small = 1e-12 * np.maximum(np.abs(np.median(x, axis=0)), 1e-300)
     return np.asarray(np.where(found > small, found, np.maximum(np.abs(np.median(x, axis=0)), 1.0)))
 
 
-AGREEING = 0.8  # share of rigs that must agree in a coefficient's sign for its logarithm to count [share of rigs]
+AGREEING = 0.8  # part of the rigs that must have the same sign of a coefficient for its logarithm to be used [share]
 
 
 @dataclass(frozen=True)
@@ -117,31 +117,31 @@ class Quantity:
     """A physical quantity."""
 
     name: str
-    weights: tuple[tuple[str, float], ...]  # its logarithm as a sum of those of coefficients
-    factor: float = 1.0  # what the power of the coefficients is multiplied by
+    weights: tuple[tuple[str, float], ...]  # exponents of the coefficients in it
+    factor: float = 1.0  # factor of the product of powers
     unit: str = ""
-    input: str = ""  # the input whose transfer function has it, where there are several
+    input: str = ""  # the input of its transfer function, if there are several
 
     @property
     def label(self) -> str:
-        """Its name, with that of the input where there are several."""
+        """Its name, with that of the input if there are several."""
         return f"{self.name} of {self.input}" if self.input else self.name
 
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """The coefficients of a fleet, as they are compared."""
+    """The coefficients of a fleet, transformed for comparison."""
 
     names: tuple[str, ...]  # of the p coefficients
-    x: FloatArray  # (N, p): their logarithms; of one whose sign is not the same in the fleet itself
-    covariances: FloatArray  # (N, p, p): to first order
-    signs: FloatArray  # (p,): the fleet's sign of each coefficient; 0 where it is not the same
-    reversed: BoolArray  # (N, p): which coefficients have the other sign
-    certainty: FloatArray  # (N, p): coefficients over their standard deviations, without sign
-    known: BoolArray  # (N,): which rigs have finite figures at all
+    x: FloatArray  # (N, p): their logarithms; scaled coefficients if the fleet has no common sign
+    covariances: FloatArray  # (N, p, p): of x, to first order
+    signs: FloatArray  # (p,): the fleet's sign of each coefficient; 0 if it has no common sign
+    reversed: BoolArray  # (N, p): whether a coefficient has the opposite sign
+    certainty: FloatArray  # (N, p): absolute values of coefficients over their standard deviations
+    known: BoolArray  # (N,): whether a rig has finite coefficients and covariances
 
     def weighed(self, shape: Shape) -> list[tuple[Quantity, FloatArray]]:
-        """Return the quantities of a shape with the weights (p,) of each, whose coefficients all have a common sign."""
+        """Return the quantities, with weights (p,), whose coefficients all have a common sign in the fleet."""
         found = []
         for quantity in quantities_of(shape):
             w = np.array([dict(quantity.weights).get(name, 0.0) for name in self.names])
@@ -151,14 +151,14 @@ class Figures:
 
 
 def figures_of(table: Any, shape: Shape, usual: BoolArray | None = None) -> Figures:
-    """Return the coefficients of a fleet's table as they are compared."""
+    """Return the coefficients of a fleet's table, transformed for comparison."""
     size, names = shape.coefficients, shape.names[: shape.coefficients]
     theta = np.column_stack([column(table, name) for name in names])
     P = _covariances(table, shape.size)[:, :size, :size]
     std = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
     known = np.isfinite(theta).all(axis=1) & np.isfinite(P).all(axis=(1, 2)) & (std > 0.0).all(axis=1)
     known &= (theta != 0.0).all(axis=1)
-    # where a zero may cancel a pole, the covariance does not say how well the coefficients are known
+    # if a zero may cancel a pole, the covariance is not the uncertainty of the coefficients
     known &= np.isfinite(np.column_stack([column(table, f"{name}_std") for name in names])).all(axis=1)
     if usual is None:
         usual = verdicts_of(table) == "trusted"
@@ -176,7 +176,7 @@ def figures_of(table: Any, shape: Shape, usual: BoolArray | None = None) -> Figu
 
 
 def quantities_of(shape: Shape) -> list[Quantity]:
-    """Return the physical quantities of a structure, or of that of each of several inputs."""
+    """Return the physical quantities of a shape, for each input."""
     return [
         replace(each, weights=tuple((f"{name}{end}", weight) for name, weight in each.weights), input=entered)
         for entered, end, structure in shape.branches
@@ -203,7 +203,7 @@ def _of_structure(structure: Structure) -> list[Quantity]:
 
 
 def _signs(theta: FloatArray, std: FloatArray) -> FloatArray:
-    """Return the sign (p,) that most rigs have in a coefficient, by more than its uncertainty; 0 where they differ."""
+    """Return the significant sign (p,) of each coefficient in most rigs; 0 if the rigs differ."""
     if not len(theta):
         return np.zeros(theta.shape[1])
     sure = np.abs(theta) > std
@@ -212,7 +212,7 @@ def _signs(theta: FloatArray, std: FloatArray) -> FloatArray:
 
 
 def _covariances(table: Any, size: int) -> FloatArray:
-    """Return the covariances (N, size, size) of all rigs; NaN where there is none."""
+    """Return the covariances (N, size, size) of all rigs; NaN if a rig has none."""
     lists = table.column("covariance").combine_chunks()
     found = np.full((table.num_rows, size, size), np.nan)
     there = np.asarray(lists.is_valid())
@@ -221,7 +221,7 @@ def _covariances(table: Any, size: int) -> FloatArray:
 
 
 def distances(figures: Figures, place: Location) -> FloatArray:
-    """Return squared distances (N,); a coefficient of the other sign counts by how sure that sign is."""
+    """Return squared distances (N,); a coefficient of the opposite sign adds to it by the certainty of its sign."""
     squared = place.squared_distances(figures.x, figures.covariances)
     spread = np.diag(place.spread)
     turned = 4.0 / (spread + 1.0 / np.square(figures.certainty)) / place.scale
@@ -239,31 +239,31 @@ FACTORS = {
     "pounds beside kg": (2.2046,),
     "bar beside psi": (14.504,),
 }
-# a normal variable is farther off in one of 370 cases
-NEAR = 3.0  # distance of a ratio from a factor up to which it may be that one [standard deviations]
-# a third of the distance between 2.2 and 3.6; a gain that is halved is no 1/2.2
-FARTHEST = 0.15  # the same, however uncertain the ratio is [natural logarithm]
+# a normal variable exceeds it in one of 370 cases
+NEAR = 3.0  # largest distance of a ratio from a factor that may explain it [standard deviations]
+# a third of the distance between 2.2 and 3.6; a halved gain must not be taken for 1/2.2
+FARTHEST = 0.15  # bound of that distance for an uncertain ratio [natural logarithm]
 # half of the distance between neighbours in the list
-WIDEST = 0.15  # uncertainty of a ratio beyond which too many factors are near [natural logarithm]
+WIDEST = 0.15  # largest uncertainty of a ratio; beyond it several factors could explain it [natural logarithm]
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """By how much a rig, or a fleet, differs in a quantity."""
+    """Deviation of a rig or a fleet in a quantity."""
 
     quantity: Quantity
     log_ratio: float
-    std: float  # of the logarithm
-    turned: int  # coefficients of the quantity with the other sign
-    certainty: float  # of such a sign, in standard deviations; 0 where none is turned
+    std: float  # standard deviation of the logarithm
+    turned: int  # number of its coefficients with the opposite sign
+    certainty: float  # certainty of the opposite sign in standard deviations; 0 if the quantity keeps its sign
 
     @property
     def size(self) -> float:
-        """How sure it is, in standard deviations."""
+        """Significance in standard deviations."""
         return max(abs(self.log_ratio) / self.std, self.certainty)
 
     def words(self, beside: str = "the fleet's median") -> str:
-        """Return the quantity beside another value of it in words."""
+        """Return a text that compares the quantity with another value of it."""
         times = _ratio(math.exp(min(max(self.log_ratio, -700.0), 700.0)))
         sign, sure = "", abs(self.log_ratio) / self.std
         if self.turned % 2:
@@ -279,25 +279,25 @@ def deviations(
     certainty: FloatArray,
     bound: float = math.inf,
 ) -> list[Deviation]:
-    """Return the deviations of quantities by those of the coefficients ``off`` (p,), of covariance ``P`` (p, p)."""
+    """Return the deviations of quantities, given those of the coefficients, ``off`` (p,) with covariance P (p, p)."""
     found = []
     for quantity, w in weighed:
         std, signs = math.sqrt(float(w @ P @ w)), int(turned[w != 0.0].sum())
-        # a sign is at most the bound over the standard deviation of the logarithm sure
+        # the certainty of a sign is at most the bound over the standard deviation of the logarithm
         sure = min(float(certainty[w != 0.0].min()), bound / std) if signs % 2 else 0.0
         found.append(Deviation(quantity, float(w @ off), std, signs, sure))
     return found
 
 
 def _ratio(value: float) -> str:
-    """Return a ratio with two digits, near one with three."""
+    """Return a ratio with two digits; with three if it is near 1."""
     if 0.9 < value < 1.1:
         return f"{value:.3g}"
     return f"{value:.2g}" if value < 100.0 else f"{value:,.0f}" if value < 1e6 else f"{value:.1e}"
 
 
 def unit_factor(found: Sequence[Deviation]) -> str:
-    """Return which factor between units lies between the gain of a rig and the fleet's, in words; empty if none."""
+    """Return a text on the unit factor that explains the deviation of a gain; empty if none does."""
     words = ""
     for each in found:
         said = ""
@@ -310,7 +310,7 @@ def unit_factor(found: Sequence[Deviation]) -> str:
 
 
 def _nearest(log_ratio: float, std: float, is_reversed: bool, label: str = "gain") -> str:
-    """Return the factor nearest to a ratio, in words."""
+    """Return a text on the unit factor nearest to a ratio; empty if none is near."""
     if std > WIDEST or is_reversed:
         return ""
     tried = [(abs(abs(log_ratio) - math.log(each)), each, what) for what, of in FACTORS.items() for each in of]

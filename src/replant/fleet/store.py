@@ -1,4 +1,4 @@
-"""Store: what a fleet has done, in one SQLite file, and the tables that are made of it at the end."""
+"""Store: the finished rigs of a fleet in one SQLite file, and the tables that are made of it at the end."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ from replant.logs.arrow import CHECKED
 from replant.numerics.operating_system import refusal
 
 CHUNK_ROWS = 1 << 14  # rows of a row group of the table [rows]
-PROBE = 1 << 16  # bytes beyond the size of the file that are written to learn why it cannot grow [bytes]
+PROBE = 1 << 16  # bytes beyond the file's size that are written to find out why it cannot grow [bytes]
 
 
 class Store:
-    """The folder of a fleet's results; what is done so far is a row of a file for each rig, written task by task."""
+    """The folder of a fleet's results; finished rigs are rows of a database, written task by task."""
 
     def __init__(self, folder: Path, job: Job) -> None:
         if importlib.util.find_spec("pyarrow") is None:
@@ -58,17 +58,17 @@ class Store:
             raise SystemRefusedError(f"{folder} cannot be written: {refusal(error)}") from error
         if others:
             raise InvalidArgumentError(
-                f"{folder}: {', '.join(others)} there are not of a fleet, and would be overwritten; name another "
+                f"{folder}: {', '.join(others)} would be overwritten, but do not belong to a fleet; name another "
                 "folder (out, --out)"
             )
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
-        """Hold the folder: two runs that write into the same one would do the work twice."""
+        """Lock the folder: two runs that write into the same folder would do the work twice."""
         with self._refusals_said():
             self._file = _opened(self.folder / STORE)
         with contextlib.closing(self._file):
-            clear(self.folder)  # what killed writers have left; only now, as others may be writing before
+            clear(self.folder)  # only with the lock, as other runs may be writing before
             yield
 
     @contextlib.contextmanager
@@ -79,18 +79,18 @@ class Store:
         except sqlite3.Error as error:
             if _is(error, sqlite3.SQLITE_BUSY):
                 raise SystemRefusedError(
-                    f"{self.folder}: another run writes there; wait for its end, or give another folder"
+                    f"{self.folder}: another run writes there; wait for its end, or name another folder"
                 ) from error
             raise SystemRefusedError(f"{path} cannot be written: {_reason(path, error)}") from error
 
     def forget_reports(self, rigs: Sequence[Rig]) -> None:
-        """Remove the reports of rigs that are identified anew: the page would lead to those of the models before."""
+        """Remove the reports of rigs that are identified again, as they show the old models."""
         for rig in rigs:
             with contextlib.suppress(OSError):
                 (self.folder / report_path(rig.name)).unlink(missing_ok=True)
 
     def missing(self, rigs: Sequence[Rig]) -> list[Rig]:
-        """Return the rigs without a result made from the same files by the same job; `merge` writes those of all."""
+        """Return the rigs without a result of the same job and files; `merge` then writes those of all ``rigs``."""
         with self._refusals_said(), self._file:
             self._file.execute("CREATE TEMP TABLE wanted (place INTEGER PRIMARY KEY, key BLOB)")
             self._file.executemany("INSERT INTO wanted VALUES (?, ?)", enumerate(map(self._key_of, rigs)))
@@ -99,16 +99,16 @@ class Store:
         return [rig for place, rig in enumerate(rigs) if place not in done]
 
     def add(self, rigs: Sequence[Rig], results: Sequence[dict[str, Any]]) -> None:
-        """Add the cells of rigs, all of them or none."""
+        """Add the cells of rigs in one transaction."""
         texts = [json.dumps(cells, allow_nan=False).encode() for cells in results]
         rows = [(self._key_of(rig), zlib.compress(text, 1)) for rig, text in zip(rigs, texts, strict=True)]
         with self._refusals_said(), self._file:
             self._file.executemany("INSERT OR REPLACE INTO rig VALUES (?, ?)", rows)
 
     def merge(self, about: dict[str, Any]) -> None:
-        """Write the table of all rigs, in the order in which `missing` was given them, their seconds, and the models.
+        """Write the table of all rigs in the order given to `missing`, their times, and the models.
 
-        What nobody uses any more goes: of other options, of files that have changed, of rigs that are gone.
+        Unused results are deleted: those of other options, of changed files, and of removed rigs.
         """
         import pyarrow
         from pyarrow import parquet
@@ -132,7 +132,7 @@ class Store:
                         models_written += 1
         with replacing(self.folder / ABOUT) as new:
             new.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
-        if models_written:  # else an option is wrong, and what was done before is wanted again
+        if models_written:  # if there are none, an option may be wrong, and the old results are needed again
             with self._refusals_said(), self._file:
                 self._file.execute("DELETE FROM rig WHERE key NOT IN (SELECT key FROM wanted)")
 
@@ -148,12 +148,12 @@ class Store:
 
 
 def _opened(path: Path) -> sqlite3.Connection:
-    """Open the file of what is done, and hold it until it is closed; a damaged one begins anew."""
+    """Open and lock the database; replace a damaged one by an empty one."""
     for is_new in (False, True):
         if is_new:
             path.unlink(missing_ok=True)
         file = sqlite3.connect(path, timeout=0.0)
-        file.text_factory = bytes  # damage may make a text of a blob
+        file.text_factory = bytes  # in a damaged file a blob may have become text
         try:
             file.execute("PRAGMA locking_mode = EXCLUSIVE")
             file.execute("PRAGMA temp_store = MEMORY")
@@ -171,12 +171,12 @@ def _opened(path: Path) -> sqlite3.Connection:
 
 
 def _is(error: sqlite3.Error, code: int) -> bool:
-    """Return whether an error of SQLite is of a kind, whose variants have further bits."""
+    """Return whether an error of SQLite has a primary code; extended codes have further bits."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF == code
 
 
 def _reason(path: Path, error: sqlite3.Error) -> str:
-    """Return in words why the system refused to write; SQLite does not tell, so a plain file of that size is tried."""
+    """Return why the system refused to write; SQLite does not report it, so a plain file of that size is tried."""
     if _is(error, sqlite3.SQLITE_FULL):
         return refusal(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))) or ""
     try:
@@ -189,7 +189,7 @@ def _reason(path: Path, error: sqlite3.Error) -> str:
 
 
 def _cells_in(stored: bytes) -> dict[str, Any] | None:
-    """Return the cells of a rig; None where they are damaged, which their checksum says."""
+    """Return the cells of a rig; None if they are damaged, which their checksum shows."""
     try:
         found: dict[str, Any] = json.loads(zlib.decompress(stored))
     except (zlib.error, ValueError, TypeError):
@@ -208,7 +208,7 @@ def read_table(folder: Path, name: str = TABLE) -> Any:
 
 
 def column(table: Any, name: str) -> Any:
-    """Return a column of numbers as float64; NaN where it is not known."""
+    """Return a column of numbers as float64; NaN if unknown."""
     return np.asarray(table.column(name).to_numpy(zero_copy_only=False), np.float64)
 
 
@@ -217,12 +217,12 @@ def verdicts_of(table: Any) -> np.ndarray[tuple[int], np.dtype[np.object_]]:
     return np.asarray(table.column("verdict").to_pylist(), object)
 
 
-FAILED = "failed"  # what stands in place of the verdict where a rig could not be identified
+FAILED = "failed"  # in place of the verdict of a rig that could not be identified
 
 
 @dataclass(frozen=True)
 class Movement:
-    """How far the signals of a record move."""
+    """Movement of a record's signals."""
 
     # standard deviations of the raw signals; NaN without a sample
     input_stds: tuple[float, ...] = ()
@@ -232,21 +232,21 @@ class Movement:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """What is kept of a rig."""
+    """The result of a rig."""
 
     rig: str
     verdict: str  # the status, or `FAILED`
     reasons: tuple[str, ...]
-    source: str  # its first file, from the folder of all logs on
+    source: str  # its first file, relative to the folder of all logs
     files: int
     model: Model | RowModel | None = None
     samples: int = 0
     rejected: tuple[tuple[str, int], ...] = ()  # samples left out, by reason
-    begin: float = math.nan  # time of the first sample in s; dates of Parquet files since 1970
-    end: float = math.nan  # the same of the last sample
+    begin: float = math.nan  # time of the first sample in s; for dates since 1970
+    end: float = math.nan  # time of the last sample in s
     movement: Movement = Movement()
-    notes: tuple[str, ...] = ()  # what is to be known of the files, such as a line that was left out
-    seconds: float = 0.0  # how long it took
+    notes: tuple[str, ...] = ()  # remarks on the files, such as a line that was left out
+    seconds: float = 0.0  # time for the identification
 
 
 def schema(shape: Shape) -> Any:
@@ -268,7 +268,7 @@ def schema(shape: Shape) -> Any:
 
 
 def cells_of(row: Row, shape: Shape) -> dict[str, Any]:
-    """Return what is known of a row as an object of JSON: its cells by column, the model's JSON, the seconds."""
+    """Return a row as a JSON object: its known cells by column, the model's JSON, the seconds."""
     moved = zip(shape.branches, row.movement.input_stds, strict=False)  # a rig that failed has none
     numbers = {"begin": row.begin, "end": row.end, **{f"input_std{end}": std for (_, end, _), std in moved}}
     numbers |= {"output_std": row.movement.output_std, "output_held": row.movement.output_held}

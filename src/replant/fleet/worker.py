@@ -1,4 +1,4 @@
-"""What a worker of the fleet does: read the record of a rig, watch how its signals move, and identify it."""
+"""The work of a fleet's worker: read the record of a rig, measure the movement of its signals, and identify it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from replant.online.runs.run_log import run_row
 
 
 def identify(rig: Rig, job: Job) -> Row:
-    """Identify a rig; a rig that cannot be identified is a row as well."""
+    """Identify a rig; a rig that cannot be identified gives a row, too."""
     begun = time.perf_counter()
     try:
         row = _identified(rig, job)
@@ -44,7 +44,7 @@ def identify(rig: Rig, job: Job) -> Row:
         raise SystemRefusedError(f"rig {rig.name}: {refusal(error)}, or use the method run") from error
     except SystemRefusedError:
         raise
-    except Exception as error:  # one rig is not the end of the others
+    except Exception as error:  # a failure of one rig must not stop the others
         reason = str(error) if isinstance(error, ReplantError) else f"unexpected {type(error).__name__}: {error}"
         row = Row(rig.name, FAILED, (" ".join(reason.split()),), rig.pieces[0].name, len(rig.pieces))
     return dataclasses.replace(row, seconds=time.perf_counter() - begun)
@@ -52,7 +52,7 @@ def identify(rig: Rig, job: Job) -> Row:
 
 def _identified(rig: Rig, job: Job) -> Row:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what a reader warns of stands in the notes
+        warnings.simplefilter("ignore")  # the notes have the readers' warnings
         recording = opened(rig, job)
         result = result_of(recording, job)
     verdict, begin = result.verdict, begin_of(rig, recording, job)
@@ -80,7 +80,7 @@ def _identified(rig: Rig, job: Job) -> Row:
 
 
 def result_of(recording: Recording, job: Job, *, with_history: bool = False) -> Result | RowFit:
-    """Return the result of a record by the job's method, as ``replant run`` or ``replant fit`` gives it."""
+    """Return the result of a record by the job's method, equal to that of ``replant run`` or ``replant fit``."""
     log = recording.held
     if job.several:
         assert log is not None
@@ -102,7 +102,7 @@ def result_of(recording: Recording, job: Job, *, with_history: bool = False) -> 
 
 
 def _named(model: Model | RowModel, recording: Recording) -> Model | RowModel:
-    """Return a model with the names of its signals, and without a date: the same files give the same bytes."""
+    """Return a model with the names of its signals but without a date, so that equal files give equal bytes."""
     entered: Any
     entered, given = (recording.table.names[column] for column in recording.columns[:2])
     if isinstance(model, RowModel) and recording.held is not None:
@@ -112,16 +112,16 @@ def _named(model: Model | RowModel, recording: Recording) -> Model | RowModel:
 
 
 def carry_out(job: Job, rigs: Sequence[Rig]) -> list[dict[str, Any]]:
-    """Identify the rigs of a task, and return the cells of each; this is what an executor calls."""
+    """Identify the rigs of a task, and return the cells of each; executors call this function."""
     return [cells_of(identify(rig, job), job.shape) for rig in rigs]
 
 
 def movement_of(recording: Recording) -> Movement:
-    """Return how the signals of a record move; moments of its batches are combined as Chan, Golub and LeVeque do."""
+    """Return the movement of a record's signals; moments of batches are combined as by Chan, Golub and LeVeque."""
     log, last = recording.held, math.nan  # a log of several inputs is held, and comes in one batch
     more = [] if log is None else [log.others[name] for name in log.more_inputs]
     count, mean, sums = np.zeros((3, 2 + len(more)))
-    rows = longest = now = 0  # samples; the longest stretch of equal outputs, and that which is going on
+    rows = longest = now = 0  # samples; the longest stretch of equal outputs, and the current one
     for u, y, *_ in recording.batches():
         for i, signal in enumerate((y, u, *more)):
             known = signal[np.isfinite(signal)]
@@ -140,7 +140,7 @@ def movement_of(recording: Recording) -> Movement:
 
 
 def opened(rig: Rig, job: Job) -> Recording:
-    """Open the record of a rig; one of several files is joined in the order of their first time stamps."""
+    """Open the record of a rig; several files are joined in the order of their first time stamps."""
     if rig.problem:
         raise LogError(rig.problem)
     return open_recording(
@@ -150,7 +150,7 @@ def opened(rig: Rig, job: Job) -> Recording:
 
 
 def begin_of(rig: Rig, recording: Recording, job: Job) -> float:
-    """Return the time of a rig's first sample in s: by its time column, dates since 1970; 0 without one."""
+    """Return the time of a rig's first sample in s, from its time column, for dates since 1970; 0 without one."""
     table = recording.table
     number = None if job.dt is not None else _time_column(table, job)
     if number is None:
@@ -167,7 +167,7 @@ def begin_of(rig: Rig, recording: Recording, job: Job) -> float:
 
 
 def _table(rig: Rig, job: Job) -> Table:
-    """Return the rows of a rig, those of several files in the order of their first stamps, or else of their names."""
+    """Return the rows of a rig; several files are in the order of their first stamps, else of their names."""
     if all(map(is_parquet, rig.pieces)):
         pieces = list(rig.pieces)
         if len(pieces) > 1:
@@ -189,7 +189,7 @@ def _table(rig: Rig, job: Job) -> Table:
 
 
 def _first(table: Table, number: int) -> float:
-    """Return the first value of a column; infinite where it has none."""
+    """Return the first value of a column; infinite if it has none."""
     (block,) = table.head([number], 1)
     known = block[np.isfinite(block)]
     return float(known[0]) if known.size else math.inf
