@@ -12,8 +12,8 @@ roughness
 
 The article's record is not published.  The rig of Table 6 is simulated instead, with the laser's noise and the
 membrane's creep.  Its voltage has steps of 10 ms to 20 s, which excite both the slow mode (0.1 rad/s) and the fast,
-lightly damped one (76.7 rad/s).  `NOTES` lists the settings that the article does not print, `LEGEND` what the
-columns of the table are.
+lightly damped one (76.7 rad/s).  `NOTES` lists the settings that the article does not print; `LEGEND` explains the
+columns of the table.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ def measure(
 ) -> Measures:
     """Return the measures of the first ``len(true)`` parameters of an estimate, see the description of the module.
 
-    Its rows (H, P) were taken after as many ``samples`` each, of ``length`` in all, or after every sample; ``start``
-    (P,) is the estimate before the first one.  Between rows it is taken as constant.
+    Row i of ``parameters`` (H, P) is the estimate after ``samples[i]`` of ``length`` samples, by default after every
+    sample; ``start`` (P,) is the estimate before the first sample.  Between rows the estimate is constant.
     """
     samples = np.arange(1, len(parameters) + 1) if samples is None else samples
     length = len(parameters) if length is None else length
     values, target = parameters[:, : len(true)], np.array(list(true.values()))
-    # samples for which each estimate, from the start on, held
+    # number of samples for which each estimate, beginning with the start, was valid
     held = np.diff(np.concatenate([[0], samples, [length]]))
     squares = (np.vstack([start[None, : len(true)], values]) - target) ** 2
     relative = (values - target) / np.abs(target)
@@ -97,11 +97,11 @@ SAMPLES = 240_000  # length of the article's record: 240 s at 1 kHz [samples]
 BUFFER = 240_000  # the article's buffer [samples]
 BATCH = 10  # the article's batch [samples]
 NOISE = 1e-3  # standard deviation of the laser's noise [mm]
-CREEP = 5e-3  # creep in every tenfold of time [mm]
+CREEP = 5e-3  # creep for each decade of time [mm]
 FORGETTING_RATE = 0.1  # the article's forgetting rate [1/s]
 POINTS = 1200  # points of a curve in Figures 7 and 8, whose panels are small [count]
 STRUCTURE = Structure(poles=3, zeros=1, bias=True)
-#: sigma_y, and sigma in the order a2, a1, a0, b1, b0, bias: a sigma of 10 makes the bias' constant the article's 0.1.
+#: sigma_y, and sigma in the order a2, a1, a0, b1, b0, bias; a sigma of 10 gives the bias the article's constant 0.1.
 SCALING = Scaling(0.05, (1e-4, 1e-6, 1e-6, 1e-4, 1e-4, 10.0))
 #: The article's filters, Tustin and one sample late, and filters without discretisation error; Lambda = (s + 50)^3.
 FILTERS = {
@@ -118,7 +118,7 @@ OPTIMIZERS: Mapping[str, Callable[[float], Optimizer]] = {
     "Adam": lambda gain: Adam(5e-5 * gain),
 }
 OFFLINE, NORMALISED, DEFAULT = "least squares", "normalised", "replant"
-FURTHER = 5  # records, other than the experiment's own, that tell how much of the default's error is chance [count]
+FURTHER = 5  # further records, which show the scatter of the default's error [count]
 RUNS = len(FILTERS) * (len(OPTIMIZERS) * len(GAINS) + 1) + 1 + FURTHER
 NOTES = (
     "The article's record is not published: a rig with the parameters of Table 6 is simulated instead, "
@@ -137,8 +137,8 @@ LEGEND = (
     "default's.",
     "normalised: each row of the regression is divided by m of (13), as in the online runs.",
     "J_sum: the article's index (21), summed over the coefficients; a1, the largest coefficient, dominates the sum.",
-    "replant's default begins to learn with a model of the first tenth of the record; until then provisional models of "
-    "fewer samples count in its J, and 0 before the first of them.",
+    "replant's default starts with a model of the first tenth of the record; before that, provisional models of fewer "
+    "samples count in its J, and 0 before the first of them.",
     "in 10%: time in s from which on every coefficient stays within 10 % of its true value.",
     "rough: standard deviation over the last tenth of the record about the best straight line, in percent of the true "
     "value; the largest of the coefficients.",
@@ -178,7 +178,7 @@ class Row:
     method: str  # method, variant: optimizer and configuration, or `OFFLINE`, or `DEFAULT`
     variant: str
     filters: str  # a key of `FILTERS`; "own" for the default
-    measures: Measures  # of least squares the error alone
+    measures: Measures  # for least squares only the error
     free_run: float  # fit in percent of the model simulated from the input alone
     curves: Mapping[str, Curve] | None = None  # by coefficient, of a run with the article's optimizers
 
@@ -194,7 +194,7 @@ class Row:
 
     @property
     def totals(self) -> dict[str, float | None]:
-        """Of an online run the article's J_sum, the time from which on all are settled, and the largest roughness."""
+        """For an online run the article's J_sum, the time at which all are settled, and the largest roughness."""
         if self.method == OFFLINE:
             return {}
         times, roughness = self.measures["settled"].values(), self.measures["roughness"].values()
@@ -210,7 +210,7 @@ class Actuator:
     offline: Mapping[str, FitResult]  # `fit_offline` by filters
     goals: Mapping[str, FloatArray]  # `fit_normalised` by filters
     rows: tuple[Row, ...]  # twelve runs with both kinds of filters, least squares plain and normalised, the default
-    # the default on `FURTHER` records of the same rig and length, under other voltages and other noise
+    # the default on `FURTHER` records of the same rig and length, with other voltages and other noise
     elsewhere: tuple[Row, ...]
 
     def row(self, method: str, variant: str = "", filters: str = "gbt") -> Row:
@@ -223,7 +223,7 @@ class Actuator:
 
 
 def measure_rig(samples: int = SAMPLES, seed: int = 0) -> Record:
-    """Return a record of the simulated rig; ``seed`` is that of voltage and noise."""
+    """Return a record of the simulated rig; ``seed`` determines voltage and noise."""
     rig, u = deap_rig(noise=NOISE, creep=CREEP), deap_voltage(samples, seed)
     return Record(rig, u, rig.measure(u, seed))
 

@@ -1,7 +1,7 @@
-"""Figures 1-4 and 6-8 of the article, computed from its experiments, and what is reproduced, by name.
+"""Figures 1-4 and 6-8 of the article, computed from its experiments; tables and figures to reproduce, by name.
 
-Figures 1-4 show estimates over time, a panel for each parameter, for rows of one table, those with a buffer run with
-its first seed.  Figures 7 and 8 and the actuator's table come from one experiment, which is run once.
+Figures 1-4 show estimates over time for rows of one table, with a panel for each parameter; rows with a buffer are run
+with the first seed.  Figures 7 and 8 and the actuator's table come from one experiment, which is run once.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ class Figure:
     title: str
     table: Table
     lines: tuple[Line, ...]
-    units: Mapping[str, str]  # of each parameter, where input and output have the same unit
-    columns: int = 1  # of panels
-    settled: float = 0.0  # part of the record from which on curves set the limits; larger values before are cut off
+    units: Mapping[str, str]  # unit of each parameter if input and output have the same unit
+    columns: int = 1  # columns of panels
+    settled: float = 0.0  # part of the record after which curves set the limits; larger earlier values are cut off
 
 
 Transients = Mapping[str, Mapping[str, Curve]]  # curves by label, then by parameter
@@ -60,7 +60,7 @@ def compute(figure: Figure, on_run: Callable[[], None] = lambda: None) -> Transi
 
 
 def draw(figure: Figure, curves: Transients) -> Any:
-    """Return a matplotlib figure of curves that `compute` returned, with the true values dashed."""
+    """Return a matplotlib figure of the curves of `compute`, with the true values dashed."""
     plant = figure.table.row(figure.lines[0].row).experiment.plant
     rows = -(-len(plant.true) // figure.columns)
     canvas = blank_figure(7.0, 1.0 + 2.1 * rows)
@@ -136,11 +136,11 @@ FIGURES = {
 
 
 UNITS = {"a2": "1/s", "a1": "1/s²", "a0": "1/s³", "b1": "mm/(kV² s²)", "b0": "mm/(kV² s³)"}
-#: Windows of Figure 6c and 6d, in parts of the record: a few steps, and the ringing after one of them.
+#: Windows of Figures 6c and 6d, as parts of the record: a few steps, and the ringing after one of them.
 WINDOWS = {"c": (151.7 / 240.0, 157.7 / 240.0), "d": (155.1 / 240.0, 156.6 / 240.0)}
 #: The two columns of Figures 7 and 8.
 COLUMNS = {"fig7": ("Gradient", "IntegralCost"), "fig8": ("AMSGrad", "Adam")}
-TOLD_APART = 0.01  # distance from which on two curves can be told apart [part of the true value]
+TOLD_APART = 0.01  # smallest visible distance of two curves [part of the true value]
 _MEASURED = {"color": GREY, "lw": 2.6, "alpha": 0.5}
 _MODEL = {"exact": {"color": VERMILION, "lw": 0.9}, "gbt": {"color": BLUE, "lw": 0.9, "ls": (0, (3, 1.5))}}
 _NAMES = {"gbt": "the article's filters", "exact": "exact filters"}
@@ -245,7 +245,7 @@ def legend_above(canvas: Any, title: str, columns: int) -> None:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     handles, labels = list(entries.values()), list(entries)
-    # it is filled column by column: without blank entries at its end matplotlib distributes them evenly
+    # the legend is filled by columns; blank entries at its end keep matplotlib from distributing the others evenly
     blanks = -len(handles) % columns
     handles += [Line2D([], [], ls="none")] * blanks
     labels += [""] * blanks
@@ -256,7 +256,7 @@ def legend_above(canvas: Any, title: str, columns: int) -> None:
 
 ACTUATOR = "actuator"
 ACTUATOR_FIGURES = ("fig6", "fig7", "fig8")
-#: What `replant reproduce` reproduces, in the article's order; "actuator" is a table that the article does not have.
+#: Names for `replant reproduce`, in the article's order; "actuator" is a table that the article does not have.
 NAMES = (*TABLES, *FIGURES, *ACTUATOR_FIGURES, ACTUATOR)
 DOTS = 150  # resolution of the PNG [1/inch]
 
@@ -269,7 +269,7 @@ class Outcome:
     transients: dict[str, Transients] = field(default_factory=dict)
     record: rig.Record | None = None  # of the actuator
     offline: Mapping[str, FitResult] = field(default_factory=dict)  # the offline fits of the actuator, by filters
-    actuator: rig.Actuator | None = None  # None if only Figure 6, which needs the offline fits alone, was asked for
+    actuator: rig.Actuator | None = None  # None if at most Figure 6, which needs only the offline fits, was requested
 
 
 def is_figure(name: str) -> bool:
@@ -278,7 +278,7 @@ def is_figure(name: str) -> bool:
 
 
 def steps(names: Sequence[str]) -> int:
-    """Return how many rows of tables and other runs ``names`` need: how often `run` calls ``on_run``."""
+    """Return the number of runs that ``names`` need, which is the number of calls of ``on_run`` by `run`."""
     count = sum(len(TABLES[name].rows) for name in names if name in TABLES)
     count += sum(len(FIGURES[name].lines) for name in names if name in FIGURES)
     return count + (rig.RUNS if _needs_runs(names) else len(rig.FILTERS) if "fig6" in names else 0)
@@ -304,7 +304,7 @@ def run(
 
 
 def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]]:
-    """Draw figures by name, 7 and 8 with the article's filters and with exact ones; yield file name and figure."""
+    """Draw figures by name, Figures 7 and 8 with both kinds of filters; yield file name and figure."""
     for name in names:
         if name in FIGURES:
             yield name, draw(FIGURES[name], outcome.transients[name])
@@ -316,7 +316,7 @@ def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]
 
 
 def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[tuple[str, Any, list[Path]]]:
-    """Draw figures as PNG and SVG; yield name, figure and paths, to be used before the next, while fonts are set."""
+    """Save figures as PNG and SVG; yield name, figure and paths, to be used at once, while the fonts are set."""
     import matplotlib as mpl
 
     with mpl.rc_context(FONT):

@@ -1,4 +1,4 @@
-"""What `replant reproduce` gives: tables as JSON, Markdown and text, and the report."""
+"""The output of `replant reproduce`: tables as JSON, Markdown and text, and the report."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ ACTUATOR_TITLE = "The actuator: twelve online runs, least squares, and replant's
 
 
 def as_json(outcome: Outcome) -> dict[str, dict[str, dict[str, dict[str, Any]]]]:
-    """Return {table: {row: {index: {ours, published, agrees}}}}; a row with buffer has ours, a mean, std and seeds.
+    """Return {table: {row: {index: {ours, published, agrees}}}}; with a buffer ours is a mean, with std and seeds.
 
-    Of the actuator, whose table the article does not have, ``published`` is None.  Its indices: J_* (21), error_* [%],
+    For the actuator, whose table the article does not have, ``published`` is None.  Its indices: J_* (21), error_* [%],
     settled_* [s], roughness_* [%] by coefficient, J_sum, settled, roughness, and free_run [%].
     """
     tables: dict[str, Any] = {
@@ -76,7 +76,7 @@ def _bullets(lines: Iterable[str]) -> str:
 
 
 def _as_text(result: TableResult) -> tuple[Texts, list[tuple[RowResult, list[Texts]]]]:
-    """Return the headings of a table, and of each row the lines, one for each figure, without the row's label."""
+    """Return the headings of a table, and for each row its lines, one for each figure, without the row's label."""
     buffered = any(row.batch is not None for row in result.rows)
 
     def line(cell: Cell) -> Texts:
@@ -88,7 +88,7 @@ def _as_text(result: TableResult) -> tuple[Texts, list[tuple[RowResult, list[Tex
 
 
 def for_terminal(outcome: Outcome) -> Iterator[tuple[str, RichTable, Sequence[str], Sequence[str]]]:
-    """Yield title, table, notes and conclusions of each table; those of the article's tables come with the last."""
+    """Yield title, table, notes and conclusions of each table; the last of the article has its conclusions."""
     results = list(outcome.tables.values())
     for result in results:
         yield result.table.title, _rich(result), notes(result), summary(results) if result is results[-1] else ()
@@ -98,7 +98,7 @@ def for_terminal(outcome: Outcome) -> Iterator[tuple[str, RichTable, Sequence[st
 
 
 def _rich(result: TableResult) -> RichTable:
-    """Return a table with a section for each row, and a line in it for each figure."""
+    """Return a table with a section for each row; each figure is a line in it."""
     from rich.text import Text
 
     headings, texts = _as_text(result)
@@ -111,7 +111,7 @@ def _rich(result: TableResult) -> RichTable:
 
 
 def _rich_of_actuator(actuator: Actuator) -> RichTable:
-    """Return a table, 80 columns wide, with a section for each run, and a line in it for each filter."""
+    """Return a table, 80 columns wide, with a section for each run; each kind of filter is a line in it."""
     from rich.text import Text
 
     rows = []
@@ -218,7 +218,7 @@ def _listed(errors: Mapping[str, float]) -> str:
 
 
 def markdown_table(headings: Sequence[str], rows: Iterable[Iterable[str]], left: Collection[str] = ()) -> str:
-    """Return a table in Markdown; its columns are flush right, but for the first one and those in ``left``."""
+    """Return a table in Markdown with right-aligned columns, except the first one and those in ``left``."""
     below = ["---" if heading in left else "--:" for heading in headings[1:]]
     return "\n".join("| " + " | ".join(row) + " |" for row in (headings, ["---", *below], *rows))
 
@@ -239,7 +239,7 @@ def notes(result: TableResult) -> list[str]:
 
 
 def summary(results: Sequence[TableResult]) -> list[str]:
-    """Return how many figures agree: for the rows without buffer, then for those with a buffer, by batch size."""
+    """Return the numbers of figures that agree, for rows without buffer, then for rows with buffer by batch size."""
     rows = [row for result in results for row in result.rows]
     lines = []
     for batch in sorted({row.batch for row in rows}, key=lambda batch: batch or 0):
@@ -295,7 +295,7 @@ _PRINTED = (
 
 
 def as_element(canvas: Any, name: str) -> str:
-    """Return a matplotlib figure as an ``svg`` element with selectable text, in the colours that it was drawn in."""
+    """Return a matplotlib figure as an ``svg`` element with selectable text, in its original colours."""
     import matplotlib as mpl
 
     with mpl.rc_context({"svg.fonttype": "none"}):
@@ -373,14 +373,14 @@ def _cells(row: Sequence[str]) -> list[str]:
 
 
 def _emphasised(row: Sequence[str]) -> list[str]:
-    """Return a row, in bold if it is that of replant's default."""
+    """Return a row, in bold for replant's default."""
     if not row[0].startswith(DEFAULT):
         return _cells(row)
     return [Html(f"<b>{typeset(cell)}</b>") for cell in row]
 
 
 def typeset(text: str) -> str:
-    r"""Return plain text of the terminal as HTML with typeset symbols, exponents, signs and units."""
+    r"""Return plain text as HTML with typeset symbols, exponents, signs and units."""
     text = html.escape(text)
     for pattern, printed in _PRINTED:
         text = re.sub(pattern, printed, text)

@@ -1,8 +1,8 @@
-"""Tables 1-4 of the article as data, and computed again: the experiment behind a row, its figures and its curves.
+"""Tables 1-4 of the article as data, and their reproduction: the experiment of each row, its figures and its curves.
 
-Where the article does not print a setting, or its text contradicts its figures, the setting is one that reproduces the
+If the article does not print a setting, or its text contradicts its figures, a setting is used that reproduces the
 figures; the notes of each table name it.  A row without a buffer is deterministic and is run once.  A row with a buffer
-is run with many seeds; its figure is the mean, and the standard deviation is that of a single run, as the article's is.
+is run with many seeds; its figure is the mean, and the standard deviation is that of a single run, as the article has.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class Curve:
 
 
 def thin(values: FloatArray, points: int = POINTS) -> npt.NDArray[np.intp]:
-    """Return where a signal (K,) is drawn, ``points`` + 2 at most: first, last, and the extremes of each stretch."""
+    """Return the indices of at most ``points`` + 2 samples for drawing: first, last, and extremes of each stretch."""
     if values.size <= points:
         return np.arange(values.size)
     stretch = -(-values.size // (points // 2))
@@ -140,7 +140,7 @@ def curve(values: FloatArray, dt: float, points: int = POINTS) -> Curve:
 
 
 def transients(trace: Trace, dt: float, points: int = POINTS) -> dict[str, Curve]:
-    """Return each parameter's estimate over time, by name; at t_k that of (21), before the update of sample k."""
+    """Return each parameter's estimate over time, by name; as in (21), that at t_k precedes the update of sample k."""
     before = trace.before()
     return {name: curve(before[:, i], dt, points) for i, name in enumerate(trace.names)}
 
@@ -149,14 +149,14 @@ def transients(trace: Trace, dt: float, points: int = POINTS) -> dict[str, Curve
 class Row:
     """One row of a table."""
 
-    label: str  # that of the article, with the batch for a row with buffer
+    label: str  # the article's label, with the batch for a row with buffer
     experiment: Experiment
     published: tuple[float, ...]  # the printed figures, three digits each, in the order of the table's ``indices``
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """A claim of the article: J_sum of row ``of`` is ``published`` percent below that of row ``over``."""
+    """A claim of the article: J_sum of row ``of`` is ``published`` percent lower than that of row ``over``."""
 
     over: str
     of: str
@@ -281,7 +281,7 @@ TABLES = {table.name: table for table in (TABLE_1, TABLE_2, TABLE_3, TABLE_4)}
 
 
 SEEDS = 20  # runs of a row with a replay buffer: seeds 0 to 19 [count]
-LIMIT = 3.0  # distance from the mean of our runs up to which a published figure agrees [standard deviations]
+LIMIT = 3.0  # largest distance from the mean of our runs at which a published figure agrees [standard deviations]
 
 
 @dataclass(frozen=True)
@@ -295,7 +295,7 @@ class Cell:
 
     @property
     def distance(self) -> float | None:
-        """How many standard deviations the published figure lies from ours; None without a buffer."""
+        """Distance of the published figure from ours in standard deviations; None without a buffer."""
         if self.std is None:
             return None
         gap = abs(self.ours - self.published)
@@ -309,7 +309,7 @@ class Cell:
 
     @property
     def verdict(self) -> str:
-        """The result of the comparison: "equal", "differs", "within 3 std", or how many std away."""
+        """The result of the comparison: "equal", "differs", "within 3 std", or the distance in std."""
         if self.distance is None:
             return "equal" if self.agrees else "differs"
         if self.agrees:
@@ -371,7 +371,7 @@ def three_digits(value: float) -> str:
 
 
 def _run_row(task: tuple[Row, int]) -> list[dict[str, float]]:
-    """Return the performance indices of each seed of a row; what an executor calls."""
+    """Return the performance indices of each seed of a row; executors call this function."""
     row, seeds = task
     return run_seeds(row.experiment, range(seeds))
 
