@@ -1,4 +1,4 @@
-"""Simulated rigs: rest, nonlinear input, noise, and that the true plant can be found behind them."""
+"""Simulated rigs: rest, nonlinear input, noise; the true plant can be identified."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_the_plants_are_the_articles() -> None:
     assert rp.TransferFunction([b1, b0], [1.0, a2, a1, a0]) == DEAP
 
 
-def test_the_actuator_has_one_slow_and_one_fast_hardly_damped_mode() -> None:
+def test_the_actuator_has_a_slow_and_a_fast_lightly_damped_mode() -> None:
     slow, fast = DEAP.modes
     assert slow.pole == pytest.approx(-0.1011, rel=1e-3)
     assert fast.frequency == pytest.approx(12.2, rel=2e-3)
@@ -46,7 +46,7 @@ def test_the_output_is_the_plants_answer_to_the_mapped_input_around_rest() -> No
 
 
 def test_the_sensor_adds_its_noise_by_the_seed() -> None:
-    """K samples tell the standard deviation to 1/sqrt(2K) of itself; five times that is the bound."""
+    """The standard deviation of K samples has a relative error of 1/sqrt(2K); the bound is five times that."""
     K, rig = 20_000, deap_rig(noise=1e-3)
     u = np.full(K, rig.input_rest)
     noise = rig.measure(u, seed=1) - rig.output_rest

@@ -1,4 +1,4 @@
-"""Test signals: the properties that they are used for."""
+"""Test signals have the properties for which they are used."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from support.cases import every
 
 @every("bits", range(2, 16))
 def test_a_prbs_runs_through_every_state_once(bits: int) -> None:
-    """Its period is 2^n - 1 and no less: every word of n successive values but one (all alike) comes exactly once."""
+    """Its period is 2^n - 1: every word of n successive values occurs exactly once, except one (all equal)."""
     period = 2**bits - 1
     u = signals.prbs(period + bits - 1, bits=bits)
     assert set(u) == {-1.0, 1.0}
@@ -27,7 +27,7 @@ def test_a_prbs_runs_through_every_state_once(bits: int) -> None:
 
 @pytest.mark.parametrize("bits", [3, 7, 10])
 def test_a_prbs_is_as_white_as_a_binary_signal_can_be(bits: int) -> None:
-    """Its circular autocorrelation is 2^n - 1 at lag zero and -1 at every other."""
+    """Its circular autocorrelation is 2^n - 1 at lag zero and -1 at every other lag."""
     period = 2**bits - 1
     spectrum = np.fft.fft(signals.prbs(period, bits=bits))
     correlation = np.fft.ifft(abs(spectrum) ** 2).real
@@ -40,7 +40,7 @@ def test_the_seed_of_a_prbs_is_where_it_starts(seed: int) -> None:
     assert any((np.roll(once, shift) == other).all() for shift in range(127))
 
 
-def test_hold_and_amplitude_of_a_prbs() -> None:
+def test_a_prbs_holds_each_value_and_has_its_amplitude() -> None:
     np.testing.assert_array_equal(
         signals.prbs(100, bits=5, hold=4, amplitude=2.5), 2.5 * np.repeat(signals.prbs(25, bits=5), 4)
     )
@@ -92,7 +92,7 @@ def test_a_chirp_runs_from_the_first_frequency_to_the_last(first: float, last: f
 
 
 def test_white_noise_has_its_rms_and_no_memory() -> None:
-    """Over K samples mean, rms and correlation err by rms/sqrt(K), rms/sqrt(2K), 1/sqrt(K): five of each allowed."""
+    """Standard deviations over K samples: rms/sqrt(K), rms/sqrt(2K), 1/sqrt(K) of mean, rms, correlation; 5 allowed."""
     K, rms = 100_000, 0.3
     noise = signals.white_noise(K, rms, seed=1)
     assert abs(noise.mean()) < 5 * rms / math.sqrt(K)
@@ -132,7 +132,7 @@ def test_bad_arguments_are_refused_by_name(call: Any, named: str) -> None:
 
 
 @pytest.mark.parametrize("samples", [0, 1])
-def test_short_signals(samples: int) -> None:
+def test_a_signal_of_any_length_has_that_length(samples: int) -> None:
     assert signals.square(samples, 1.0, 0.1).shape == (samples,)
     assert signals.prbs(samples, hold=7).shape == (samples,)
     assert signals.random_steps(samples, shortest=1, longest=5, low=0, high=1).shape == (samples,)

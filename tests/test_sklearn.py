@@ -1,4 +1,4 @@
-"""The regressor keeps scikit-learn's rules, and finds the plant as replant does."""
+"""The regressor follows scikit-learn's rules, and finds the same plant as replant."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
 DT = 0.1
 
 ORDER = "rows are samples in time: the output depends on those before, in their order"
-#: Checks of scikit-learn that must fail, each with its reason.  They hand over several columns: one is named as input.
+#: Checks of scikit-learn that must fail, with reasons.  The checks pass several columns, so one is named as the input.
 FAILING = {"check_methods_sample_order_invariance": ORDER, "check_methods_subset_invariance": ORDER}
 
 
@@ -39,7 +39,7 @@ def about_a_working_point(seed: int = 0, samples: int = 3000, noise: float = 0.0
 
 
 @pytest.mark.parametrize("method", ["auto", "srivc", "least_squares"])
-def test_fit_is_that_of_replant(method: str) -> None:
+def test_fit_equals_replant_fit(method: str) -> None:
     X, y = about_a_working_point()
     model = TransferFunctionRegressor(dt=DT, method=method).fit(X, y)
     found = rp.fit(
@@ -62,7 +62,7 @@ def test_a_prediction_is_the_free_run_about_the_working_point() -> None:
     assert raised[-1] == pytest.approx(model.output_offset_ + 4.0)
 
 
-def test_dead_time_is_kept() -> None:
+def test_the_model_has_the_dead_time() -> None:
     delayed = rp.TransferFunction([2.0], [1.0, 0.5], delay=0.34)
     u = binary(3, 2000, 20)
     model = TransferFunctionRegressor(dt=DT, delay=0.34).fit(u[:, None], delayed.simulate(u, DT))
@@ -70,14 +70,14 @@ def test_dead_time_is_kept() -> None:
     np.testing.assert_allclose(model.parameters_, [0.5, 2.0], rtol=1e-6)
 
 
-def test_score_and_fit_percent_tell_the_same() -> None:
+def test_score_follows_from_fit_percent() -> None:
     X, y = about_a_working_point()
     model = TransferFunctionRegressor(dt=DT).fit(X, y)
     assert model.score(X, y) == pytest.approx(1.0 - (1.0 - model.fit_percent(X, y) / 100.0) ** 2)
     assert model.score(X, y) > 0.95
 
 
-def test_partial_fit_is_the_identifier_chunk_by_chunk() -> None:
+def test_partial_fit_equals_the_identifier_updated_in_chunks() -> None:
     X, y = about_a_working_point()
     model, ident = TransferFunctionRegressor(dt=DT), rp.Identifier(
         rp.Structure(1), DT, preprocess=rp.Preprocess("identity", "mean", "mean")
@@ -106,7 +106,7 @@ def test_a_single_row_predicts_its_own_output() -> None:
     np.testing.assert_array_equal(model.predict([[1.0], [2.0]]), [5.0, 5.0])
 
 
-def test_what_makes_partial_fit_begin_anew() -> None:
+def test_fit_and_new_parameters_make_partial_fit_start_anew() -> None:
     X, y = about_a_working_point()
     once = TransferFunctionRegressor(dt=DT).partial_fit(X[:2000], y[:2000])
     after_fit = TransferFunctionRegressor(dt=DT).fit(X, -y).partial_fit(X[:2000], y[:2000])
@@ -115,7 +115,7 @@ def test_what_makes_partial_fit_begin_anew() -> None:
     np.testing.assert_array_equal(other.partial_fit(X[:2000], y[:2000]).parameters_, once.parameters_)
 
 
-def test_a_regressor_on_its_way_can_be_pickled() -> None:
+def test_a_partly_fitted_regressor_can_be_pickled() -> None:
     X, y = about_a_working_point(samples=1500)
     model = TransferFunctionRegressor(dt=DT).partial_fit(X[:1000], y[:1000])
     copy = pickle.loads(pickle.dumps(model))
@@ -209,7 +209,7 @@ def test_a_wrong_parameter_is_named_by_fit_not_by_the_constructor(wrong: dict[st
 
 
 def test_a_search_finds_the_structure_in_a_pipeline() -> None:
-    """Scaling the input is undone by the gain: a linear pipeline in front changes nothing but that."""
+    """The gain compensates the scaling of the input: a linear pipeline in front changes nothing else."""
     X, y = record(rp.TransferFunction([3.0], [1.0, 0.8, 4.0]), 5, 2500, DT, hold=15, noise=0.02)
     pipeline = make_pipeline(MaxAbsScaler(), TransferFunctionRegressor(dt=DT))
     search = GridSearchCV(pipeline, {"transferfunctionregressor__poles": [1, 2]}, cv=TimeSeriesSplit(3))

@@ -1,4 +1,4 @@
-"""What the tests of logs share: files in a temporary folder."""
+"""Shared fixtures of the tests of logs: files in a temporary folder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 @pytest.fixture
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read files in this process, as where there is no interpreter to start: that costs more than most of them."""
+    """Read files in this process, as a frozen program does: starting a process takes longer than most of the tests."""
     monkeypatch.setattr(sys, "frozen", True, raising=False)
 
 

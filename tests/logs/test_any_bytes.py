@@ -1,4 +1,4 @@
-"""Whatever a file holds, it is read or refused in one line."""
+"""A file with any content is read, or refused in one line."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def forks() -> Iterator[Forks]:
 @pytest.mark.parametrize("tries", [TRIES, pytest.param(12, marks=pytest.mark.slow)])
 @every(("make", "suffix"), MAKERS)
 def test_a_damaged_file(make: Callable[[], bytes], suffix: str, tries: int, tmp_path: Path, forks: Forks) -> None:
-    """In forks, as a parser may crash; the fuzz's mutants of every format are tried in `test_fuzz`."""
+    """In forks, as a parser may crash; `test_fuzz` tries the fuzzer's mutants of every format."""
     content, path = make(), tmp_path / f"log{suffix}"
     path.write_bytes(content)
     assert forks.read(path).kind == "read"

@@ -53,7 +53,7 @@ def test_every_form_is_read(tmp_path: Path, form: str) -> None:
 
 
 @pytest.mark.parametrize("content", [b"x", b"ARROW1", b"t,u,y\n0,1,2\n"])
-def test_other_files(tmp_path: Path, content: bytes) -> None:
+def test_files_of_other_formats_are_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "log.arrow"
     path.write_bytes(content)
     with pytest.raises(LogError, match="not a readable Feather or Arrow file"):
@@ -63,7 +63,7 @@ def test_other_files(tmp_path: Path, content: bytes) -> None:
         read_columns(path)
 
 
-def test_without_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pyarrow_the_message_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path, "file")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingDependencyError, match=r"needs pyarrow: pip install 'replant\[parquet\]'$"):

@@ -1,4 +1,4 @@
-"""What a file costs is bounded by the samples in it: bombs of every container, read where memory is counted."""
+"""The samples in a file bound its cost: decompression bombs of every container are read with memory measured."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ print(json.dumps([said, 1024 * (int(own.split()[1]) + used.ru_maxrss)]))
 
 
 def check(path: Path, samples: int = 0) -> str:
-    """Return the message, which is one line; the memory of the processes that read the file is within the bounds."""
+    """Return the message; check that it is one line, and that the reading processes keep within the memory bounds."""
     done = subprocess.run(
         [sys.executable, "-c", READ, str(path)],
         capture_output=True, text=True, check=True, env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
@@ -358,7 +358,7 @@ def mat(path: Path, **variables: Any) -> Path:
 
 @pytest.mark.slow
 def test_a_bomb_of_matlab(tmp_path: Path) -> None:
-    """What is no signal is not kept: a cube, a text, cells."""
+    """Variables that are not signals are not loaded: a cube, a text, cells."""
     cells = np.full(50_000, 0.0, object)
     for variables in ({"cube": np.zeros((300, 1024, 1024), np.int8)}, {"cells": cells}, {"s": "x" * (60 << 20)}):
         assert check(mat(tmp_path / "log.mat", **variables))

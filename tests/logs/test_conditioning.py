@@ -1,4 +1,4 @@
-"""Conditioning keeps G(s): the same plant comes out of the log as it was and of the log that was conditioned."""
+"""Conditioning keeps G(s): the original and the conditioned log give the same plant."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def recorded(samples: int = 30_000, dt: float = 1e-3, hold: int = 50) -> rp.Log:
 
 @pytest.mark.parametrize("factor", [5, 25, 50])
 def test_the_plant_of_a_decimated_log_is_that_of_the_log(factor: int) -> None:
-    # what remains is that a straight line is not the filtered input: of second order in the new sampling time
+    # the remaining error, of second order in the new sampling time: the filtered input is not piecewise linear
     thinned = decimate(recorded(), factor)
     found = rp.fit(thinned, poles=2)
     assert found.model.input_hold == "foh"

@@ -1,4 +1,4 @@
-"""Text logs: what is found out about their layout, and what a bad one says."""
+"""Text logs: detection of the layout, and errors of bad files."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ def test_layout_does_not_change_the_samples(write: Write, text: str) -> None:
 
 
 @every("name", ["log.csv", "log.txt", "log.tsv", "log.dat", "LOG.CSV"])
-def test_suffixes_of_text(write: Write, name: str) -> None:
+def test_every_suffix_of_text_is_read(write: Write, name: str) -> None:
     assert read_columns(write("u,y\n1,2\n3,4\n", name)).column("y").tolist() == [2.0, 4.0]
 
 
 @every("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
-def test_encodings(write: Write, encoding: str) -> None:
+def test_every_encoding_is_recognized(write: Write, encoding: str) -> None:
     table = read_columns(write("time [s];T [°C]\n0;20,5\n1;21,5\n".encode(encoding)))
     assert table.names == ("time [s]", "T [°C]")
     assert table.column("t [°c]").tolist() == [20.5, 21.5]
@@ -107,7 +107,7 @@ def test_text_in_a_column_that_is_not_asked_for_does_not_matter(write: Write) ->
     assert read_columns(path).column("u").tolist() == [1.5, 2.5]
 
 
-#: Bytes of a block: a line or less, some lines, and an odd number that cuts lines anywhere.
+#: Bytes of a block: less than a line, some lines, and an odd number that cuts lines anywhere.
 block_sizes = every("size", [1, 7, 64, 1009])
 
 
@@ -117,7 +117,7 @@ block_sizes = every("size", [1, 7, 64, 1009])
 def test_blocks_join_without_a_seam(
     write: Write, monkeypatch: pytest.MonkeyPatch, size: int, end: str, encoding: str
 ) -> None:
-    """Whatever stands at the seam; clean blocks are NumPy's, and it reads every number as Python does."""
+    """For any content at the seam; NumPy parses clean blocks, and reads every number as Python does."""
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
     values = np.random.default_rng(0).standard_normal(200) * 10.0 ** np.arange(-100, 100)
     lines = [f"{index},{value!r}" for index, value in enumerate(values.tolist())]
@@ -152,7 +152,9 @@ def test_a_cell_is_the_same_number_in_a_long_file(write: Write, monkeypatch: pyt
 
 
 @every("cell", ["nan(1)", "1_0", "0x1p3", "1,5,5", "1.2.3", "--1", "1 2", "١"])
-def test_what_is_no_number_is_none_in_a_long_file(write: Write, monkeypatch: pytest.MonkeyPatch, cell: str) -> None:
+def test_a_cell_that_is_not_a_number_is_refused_in_a_long_file(
+    write: Write, monkeypatch: pytest.MonkeyPatch, cell: str
+) -> None:
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", 20)
     path = write("u;y\n" + "1;1\n" * 30 + f"{cell};1\n" + "1;1\n" * 30)
     with pytest.raises(LogError, match="line 32, column 'u'"):
@@ -183,14 +185,14 @@ def test_a_row_of_another_length_is_found_where_some_columns_are_read(write: Wri
             read_columns(path).columns(columns)
 
 
-def test_text_beside_the_columns_that_are_read_is_no_matter(write: Write) -> None:
+def test_text_in_other_columns_does_not_matter(write: Write) -> None:
     path = write("t,state,u\n" + "".join(f"{k},run ü,{k / 7!r}\n" for k in range(100)))
     np.testing.assert_array_equal(read_columns(path).column("u"), np.arange(100) / 7)
     with pytest.raises(LogError, match="line 2, column 'state': 'run ü' is not a number"):
         read_columns(path).column("state")
 
 
-def test_sniffed_lines(write: Write) -> None:
+def test_the_lines_of_names_and_data_are_found(write: Write) -> None:
     layout = sniff(write("# rig\n\nt;u\n# start\n0;1,5\n1;2,5\n"))
     assert (layout.delimiter, layout.names_line, layout.data_line) == (";", 3, 5)
 
@@ -250,7 +252,7 @@ def test_a_bad_file_is_refused_in_one_line(write: Write, content: str | bytes, m
     assert "\n" not in str(caught.value)
 
 
-def test_quotes_within_cells(write: Write) -> None:
+def test_quoted_cells_are_unquoted(write: Write) -> None:
     table = read_columns(write('t,"the ""raw"" u",5" pipe\n0,"1","2" \n1, "2",""\n'))
     assert table.names == ("t", 'the "raw" u', '5" pipe')
     np.testing.assert_array_equal(table.columns([1, 2]), [[1.0, 2.0], [2.0, np.nan]])
@@ -272,7 +274,7 @@ HEADERLESS = {
 @every("text", HEADERLESS.values(), ids=HEADERLESS.keys())
 @every("how", ["replaced", "inserted", "removed"])
 def test_a_damaged_first_row_is_never_taken_for_names(write: Write, text: str, how: str) -> None:
-    """Each character of it in turn; it is data, or the file is refused."""
+    """Each of its characters is damaged in turn: the row is read as data, or the file is refused."""
     for at in range(text.index("\n")):
         for mark in "xqp?*'$Z~\xb0" if how != "removed" else " ":
             path = write(text[:at] + (mark if how != "removed" else "") + text[at + (how != "inserted") :])
@@ -312,7 +314,7 @@ def test_names_that_may_be_a_damaged_row_say_what_to_do(write: Write) -> None:
 
 @every("header", ["{}", '"{}"', "c{}", None], ids=["numbers", "quoted", "names", "none"], quick=2)
 def test_a_hundred_thousand_columns_are_opened(write: Write, header: str | None) -> None:
-    """That it takes time in proportion to the columns is measured by benchmarks/wide_logs.py."""
+    """benchmarks/wide_logs.py measures that the time is proportional to the number of columns."""
     names = "" if header is None else "t," + ",".join(header.format(k) for k in range(1, 100_000)) + "\n"
     path = write(names + (",".join(["1.5"] * 100_000) + "\n") * 3)
     assert len(read_columns(path).names) == 100_000
@@ -329,7 +331,7 @@ def test_a_line_without_end_is_refused(write: Write, monkeypatch: pytest.MonkeyP
         assert f"log.csv: line {number} " in str(caught.value)
 
 
-def test_one_text_cell_in_row_5000(write: Write) -> None:
+def test_a_text_cell_in_row_5000_is_named_with_its_line(write: Write) -> None:
     rows = [f"{k * 0.1:.1f},{k % 7},{k % 5}\n" for k in range(6000)]
     rows[4998] = "499.8,stuck,1\n"
     with pytest.raises(LogError, match=r"line 5000, column 'u': 'stuck' is not a number"):
@@ -433,7 +435,7 @@ def test_a_file_of_comments_is_empty_if_its_beginning_is_all_of_it(write: Write,
 
 
 def test_a_line_of_any_number_of_empty_cells_is_read_in_one_pass(tmp_path: Path) -> None:
-    """Patterns that try each way to divide blanks take hours for this one."""
+    """A pattern that tries each way to divide blanks would take hours."""
     path = tmp_path / "log.txt"
     path.write_text("t\tu\n0\t1\n1\t2\n" + 1_000_000 * "\t" + "5\n")
     with pytest.raises(LogError, match=r"log\.txt: line 4 has .* where line 1 has 2"):

@@ -1,4 +1,4 @@
-"""A band of frequencies: G(s) stays, what lies outside the band goes."""
+"""A band-pass leaves G(s) unchanged, and removes signals outside the band."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LOG = rp.Log(U, G.simulate(U, DT) + 5.0, DT)
 
 @every("edges", [(0.1, None), (None, 5.0), (0.1, 5.0)], quick=1)
 def test_the_plant_of_the_filtered_signals_is_the_plant(edges: tuple[float | None, float | None]) -> None:
-    """What is left of the filter's beginning is a hundredth of it."""
+    """A hundredth of the filter's transient remains."""
     filtered = rp.bandpass(LOG, *edges)
     np.testing.assert_allclose(rp.fit(filtered, poles=2).parameters, TRUE, rtol=1e-4)
     assert filtered.input_hold == "zoh"
@@ -44,7 +44,7 @@ def test_signals_outside_of_the_band_go_and_those_within_stay() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("counted", [False, True])
 def test_a_drift_that_would_spoil_the_model_is_taken_away(counted: bool) -> None:
-    """In `make slow` beside the model that it spoils, of a third of the record: it takes ten times as long to find."""
+    """`make slow` also fits the spoiled model to a third of the record, which takes ten times as long."""
     drift = 10.0 * np.sin(2.0 * np.pi * 0.005 * DT * np.arange(U.size))  # a twentieth of the edge: 1/400 of it stays
     drifting = rp.Log(U, LOG.output + drift + white_noise(U.size, 0.01, seed=1), DT)
     straight = rp.fit(rp.bandpass(drifting, 0.1), poles=2)

@@ -30,7 +30,7 @@ def save(path: Path, **datasets: Any) -> Path:
 
 
 def save_matlab(path: Path, **variables: Any) -> Path:
-    """Write what MATLAB does: 512 bytes of text before, dimensions reversed, the class as an attribute."""
+    """Write a file as MATLAB does: 512 bytes of text first, dimensions reversed, the class as an attribute."""
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, value in variables.items():
             array = np.atleast_2d(np.asarray(value))
@@ -127,14 +127,14 @@ def test_objects_say_what_to_do(tmp_path: Path) -> None:
 # --- what is refused
 
 
-def test_no_signal(tmp_path: Path) -> None:
+def test_a_file_without_a_signal_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no numeric array of two samples or more"):
         read_columns(
             save(tmp_path / "log.h5", note="rig 7", gain=1.0, z=np.zeros(3, complex), cube=np.zeros((2, 2, 2)))
         )
 
 
-def test_without_h5py(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_h5py_the_message_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     paths = save(tmp_path / "log.h5", u=T), save_matlab(tmp_path / "log.mat", u=T)
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(MissingDependencyError, match=r"reading HDF5 needs h5py: pip install 'replant\[hdf5\]'$"):

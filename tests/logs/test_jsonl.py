@@ -41,12 +41,12 @@ def test_null_and_absent_keys_are_missing(write: Write) -> None:
     np.testing.assert_array_equal(y, [np.nan, 1.0, 2.5, 0.0])
 
 
-def test_dates(write: Write) -> None:
+def test_dates_are_read_as_seconds(write: Write) -> None:
     path = write(lines(*({"when": f"2024-05-01T10:00:0{k}.5Z", "u": k, "y": 1} for k in range(5))), "log.jsonl")
     assert read_log(path, input="u", output="y").time.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]  # type: ignore[union-attr]
 
 
-def test_a_clock_that_is_turned_is_said(write: Write) -> None:
+def test_a_shift_of_the_clock_is_an_error(write: Write) -> None:
     stamps = ["2024-10-27 02:59:58", "2024-10-27 02:59:59", "2024-10-27 02:00:00"]
     path = write(lines(*({"t": stamp, "u": 1, "y": 1} for stamp in stamps)), "log.jsonl")
     with pytest.raises(LogError, match="line 3, column 't': the clock goes back by 3599 s, as at the end of daylight"):

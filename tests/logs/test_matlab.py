@@ -33,7 +33,7 @@ def save(folder: Path, **variables: object) -> Path:
 
 
 @pytest.mark.parametrize("shape", [(K, 1), (1, K)])
-def test_vectors_lie_or_stand(tmp_path: Path, shape: tuple[int, int]) -> None:
+def test_row_and_column_vectors_are_signals(tmp_path: Path, shape: tuple[int, int]) -> None:
     path = save(tmp_path, time=T.reshape(shape), u=U[:, 0].reshape(shape), y=U[:, 1].reshape(shape))
     log = read_log(path, input="u", output="y")
     assert (log.input_name, log.output_name, log.dt) == ("u", "y", 0.1)
@@ -41,7 +41,7 @@ def test_vectors_lie_or_stand(tmp_path: Path, shape: tuple[int, int]) -> None:
     np.testing.assert_array_equal(log.time, T)
 
 
-def test_a_matrix_of_signals(tmp_path: Path) -> None:
+def test_the_columns_of_a_matrix_are_signals(tmp_path: Path) -> None:
     path = save(tmp_path, rig_dat=np.column_stack([T, U]))
     assert read_columns(path).names == ("rig_dat[:,0]", "rig_dat[:,1]", "rig_dat[:,2]")
     log = read_log(path, time="rig_dat[:,0]", input="rig_dat[:, 1]", output=2)
@@ -51,7 +51,7 @@ def test_a_matrix_of_signals(tmp_path: Path) -> None:
 
 
 def test_structs_within_a_struct(tmp_path: Path) -> None:
-    """As a recorder writes them: the time in one, and a struct for each signal."""
+    """As a recorder writes them: one struct for the time, and one for each signal."""
     signals = np.array([(U[:, 0], "V"), (U[:, 1], "rpm")], dtype=[("Data", object), ("Unit", object)])
     path = save(tmp_path, rec={"X": {"Data": T}, "Y": signals, "Note": "a run"})
     assert read_columns(path).names == ("rec.X.Data", "rec.Y(1).Data", "rec.Y(2).Data")
@@ -65,13 +65,13 @@ def test_the_name_of_a_matrix_lists_its_columns(tmp_path: Path) -> None:
         read_log(path, input="rig", output="other", dt=0.1)
 
 
-def test_signals_in_rows(tmp_path: Path) -> None:
+def test_the_rows_of_a_wide_matrix_are_signals(tmp_path: Path) -> None:
     table = read_columns(save(tmp_path, d=U.T))
     assert table.names == ("d[0,:]", "d[1,:]")
     np.testing.assert_array_equal(table.column("d[1,:]"), U[:, 1])
 
 
-def test_a_struct(tmp_path: Path) -> None:
+def test_the_fields_of_a_struct_are_signals(tmp_path: Path) -> None:
     path = save(tmp_path, data={"time": T, "udat": U, "inner": {"deep": T}, "note": "rig 7", "Ts": 0.1}, gain=3.0)
     assert read_columns(path).names == ("data.time", "data.udat[:,0]", "data.udat[:,1]")
     log = read_log(path, input="data.udat[:,0]", output="data.udat[:,1]")
@@ -94,13 +94,13 @@ def test_integers_and_logicals_become_float64(tmp_path: Path) -> None:
     assert read_columns(path).column("y").tolist() == [1.0, 0.0, 1.0]
 
 
-def test_lengths_must_agree(tmp_path: Path) -> None:
+def test_signals_of_different_lengths_are_refused(tmp_path: Path) -> None:
     path = save(tmp_path, u=T, y=T[:-1])
     with pytest.raises(LogError, match=rf"log.mat: column 'u' has {K} samples but 'y' has {K - 1}"):
         read_log(path, input="u", output="y", dt=0.1)
 
 
-def test_no_signal(tmp_path: Path) -> None:
+def test_a_file_without_a_signal_is_refused(tmp_path: Path) -> None:
     path = save(tmp_path, name="rig", gain=1.0, cube=np.zeros((2, 2, 2)), z=np.zeros(3) + 1j)
     with pytest.raises(LogError, match=r"log.mat: no numeric array of two samples or more"):
         read_columns(path)
@@ -116,7 +116,7 @@ def test_hdf5_is_to_be_saved_again(write: Callable[..., Path], head: bytes) -> N
 
 
 @pytest.mark.parametrize("content", [b"t,u,y\n0,1,2\n" * 20, b"x", bytes(200)])
-def test_not_a_matlab_file(write: Callable[..., Path], content: bytes) -> None:
+def test_a_file_of_another_format_is_refused(write: Callable[..., Path], content: bytes) -> None:
     with pytest.raises(LogError, match=r"log\.mat: ") as caught:
         read_columns(write(content, "log.mat"))
     assert "\n" not in str(caught.value)
@@ -255,7 +255,7 @@ def test_a_packed_element_is_as_long_as_what_it_holds_and_no_byte_behind_it_coun
 
 @pytest.mark.parametrize("packed", [False, True])
 def test_the_lengths_of_the_variables_are_those_of_the_file_unpacked(tmp_path: Path, packed: bool) -> None:
-    """What is not read for its length costs no memory: a file that is packed tells the same as one that is not."""
+    """The lengths of a compressed file are found without reading it into memory."""
     path = tmp_path / "log.mat"
     scipy.io.savemat(path, {"u": T, "cube": np.zeros((20, 30, 40))}, do_compression=packed)
     lengths = list(_sizes(path, path.read_bytes()[:128]))

@@ -97,7 +97,7 @@ def test_a_bag_in_sqlite_says_what_to_do(tmp_path: Path) -> None:
         read_columns(tmp_path)
 
 
-def test_json(tmp_path: Path) -> None:
+def test_messages_of_json_are_read(tmp_path: Path) -> None:
     rows = [("/rig", 10_000_000 * k, {"u": U[k], "arm": {"y": Y[k], "on": True}, "s": "RUN"}) for k in range(K)]
     path = save_json(tmp_path / "log.mcap", *rows)
     assert read_columns(path).names == ("/rig.u", "/rig.arm.y", "/rig.arm.on")
@@ -126,7 +126,7 @@ def test_a_file_that_was_cut_off_is_to_be_recovered(tmp_path: Path) -> None:
         read_columns(path)
 
 
-def test_without_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_mcap_the_message_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = shutil.copy(save_ros(tmp_path / "log.mcap"), tmp_path / "copy.mcap")
     monkeypatch.setitem(sys.modules, "mcap_ros2", None)
     monkeypatch.setitem(sys.modules, "mcap_ros2.decoder", None)

@@ -77,19 +77,19 @@ def test_text_is_no_signal(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [slice(700), slice(64, None), b"t,u,y\n0,1,2\n"])
-def test_other_files(tmp_path: Path, content: bytes | slice) -> None:
+def test_damaged_files_are_refused(tmp_path: Path, content: bytes | slice) -> None:
     path = save(tmp_path, [signal("u", U), signal("y", Y)])
     path.write_bytes(content if isinstance(content, bytes) else path.read_bytes()[content])
     assert not is_read_or_refused(path, read_columns)
 
 
-def test_without_an_interpreter_to_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frozen_program_reads_the_file_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path, [signal("u", U), signal("y", Y)])
     monkeypatch.setattr(sys, "frozen", True, raising=False)
     np.testing.assert_array_equal(read_log(path, input="u", output="y").output, Y)
 
 
-def test_without_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_asammdf_the_message_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path, [signal("u", U)])
     monkeypatch.setitem(sys.modules, "asammdf", None)
     with pytest.raises(MissingDependencyError, match=re.escape("reading MDF needs asammdf: pip install asammdf")):

@@ -1,4 +1,4 @@
-"""Signals on rasters of their own: exact whatever the rasters are."""
+"""Signals with their own rasters are merged exactly."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_a_signal_is_held_for_no_longer_than_its_longest_interval() -> None:
     assert len(merge(y, [signal([0], [1])]).t) == 20  # logged once
 
 
-def test_nothing_in_common() -> None:
+def test_signals_without_common_time_merge_to_nothing() -> None:
     assert merge(signal([0, 1], [0, 1]), [signal([5, 6], [0, 1])]).t.size == 0
 
 
@@ -95,7 +95,7 @@ def test_a_missing_input_is_missing_until_the_next_one() -> None:
 
 
 @pytest.mark.parametrize("t", [[0, 2, 1], [0, 1, NAN], [0, 1, np.inf]])
-def test_stamps_that_are_no_clock(t: list[float]) -> None:
+def test_stamps_that_decrease_or_are_not_finite_are_refused(t: list[float]) -> None:
     with pytest.raises(ValueError, match="must be finite and never decrease"):
         merge(signal([0, 1, 2], [0, 0, 0]), [signal(t, [0, 0, 0])])
 
@@ -170,7 +170,7 @@ BAD = {
 
 
 @every(("u", "message"), BAD.values(), ids=BAD)
-def test_what_cannot_be_merged(u: Signal, message: str) -> None:
+def test_signals_that_cannot_be_merged_are_refused(u: Signal, message: str) -> None:
     with pytest.raises(LogError, match=message):
         merged(table(y=signal([0, 1, 2], [5, 6, 7]), u=u), {"input": 1, "output": 0})
 
@@ -212,7 +212,7 @@ def test_a_few_rows_without_an_output_are_merged() -> None:
 
 
 def test_while_the_output_pauses_the_stamps_of_the_input_are_rows() -> None:
-    """The input is known there, which a gap would not say."""
+    """The input is known there; a gap would mean that it is unknown."""
     t = np.arange(100.0)
     kept = (t < 30) | (t >= 50)
     found = merge(Signal(t[kept], t[kept]), [Signal(t, np.repeat([1.0, 2.0], 50))])

@@ -12,7 +12,7 @@ from replant.errors import LogError
 from replant.logs import read_columns, read_log
 
 
-def test_vectors_and_columns_of_matrices(tmp_path: Path) -> None:
+def test_vectors_and_columns_of_matrices_are_columns(tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     signals = np.arange(12.0).reshape(6, 2)
     np.savez(path, t=np.arange(6) * 0.5, signals=signals, rate=2.0, names=np.array(["a", "b"]))
@@ -23,7 +23,7 @@ def test_vectors_and_columns_of_matrices(tmp_path: Path) -> None:
     assert log.dt == 0.5
 
 
-def test_compressed(tmp_path: Path) -> None:
+def test_a_compressed_archive_is_read(tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez_compressed(path, u=np.arange(5, dtype=np.int32), y=np.ones(5, dtype=bool))
     u, y = read_columns(path).columns(["u", "y"])
@@ -45,14 +45,14 @@ def test_a_column_does_not_alias_the_table(tmp_path: Path) -> None:
     assert table.column("u").tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
-def test_lengths_must_agree(tmp_path: Path) -> None:
+def test_signals_of_different_lengths_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, u=np.arange(5.0), y=np.arange(7.0))
     with pytest.raises(LogError, match=r"log\.npz: column 'u' has 5 samples but 'y' has 7"):
         read_log(path, input="u", output="y", dt=0.1)
 
 
-def test_time_of_another_length(tmp_path: Path) -> None:
+def test_a_time_of_another_length_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, u=np.arange(5.0), y=np.arange(5.0), t=np.arange(4.0))
     with pytest.raises(LogError, match="column 'u' has 5 samples but 't' has 4"):
@@ -60,12 +60,12 @@ def test_time_of_another_length(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"u,y\n1,2\n", b"PK\x03\x04broken"])
-def test_not_an_archive(write: Callable[..., Path], content: bytes) -> None:
+def test_a_file_that_is_not_an_archive_is_refused(write: Callable[..., Path], content: bytes) -> None:
     with pytest.raises(LogError, match=r"log\.npz: not a readable \.npz archive .*; save it with numpy\.savez"):
         read_columns(write(content, "log.npz"))
 
 
-def test_no_signal(tmp_path: Path) -> None:
+def test_an_archive_without_a_signal_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, gain=1.0)
     with pytest.raises(LogError, match="no numeric array of two samples or more"):

@@ -120,7 +120,9 @@ REFUSED = {
 
 
 @every(("name", "content", "message"), REFUSED.values(), ids=REFUSED)
-def test_what_cannot_be_unpacked(write: Write, name: str, content: bytes, message: str) -> None:
+def test_a_file_that_cannot_be_unpacked_is_refused_in_one_line(
+    write: Write, name: str, content: bytes, message: str
+) -> None:
     if name.endswith("zst"):
         pytest.importorskip("zstandard")
     path = write(content, name)
@@ -216,13 +218,15 @@ def test_a_contradicting_clock_is_said_of_standard_input_too(
 
 
 @pytest.mark.parametrize(("content", "message"), [(b"", "-: the file is empty"), (b"\0\1", "-: not a text file")])
-def test_what_is_no_text_in_standard_input(monkeypatch: pytest.MonkeyPatch, content: bytes, message: str) -> None:
+def test_standard_input_that_is_not_text_is_refused(
+    monkeypatch: pytest.MonkeyPatch, content: bytes, message: str
+) -> None:
     pipe(monkeypatch, content)
     with pytest.raises(LogError, match=message):
         read_columns("-")
 
 
-def test_a_terminal_is_no_log(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_as_standard_input_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     pipe(monkeypatch, b"")
     monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
     with pytest.raises(LogError, match="standard input: a log is to be piped into it"):

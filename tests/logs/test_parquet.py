@@ -32,7 +32,7 @@ def save(tmp_path: Path) -> Callable[[Any], Path]:
     return save
 
 
-def test_columns_by_name_and_number(save: Callable[[Any], Path]) -> None:
+def test_columns_are_found_by_name_and_number(save: Callable[[Any], Path]) -> None:
     import pyarrow as pa
 
     path = save(pa.table({"time": [0.0, 0.1, 0.2], "note": ["a", "b", "c"], "u.1": [1, 2, 3], "y": [0.5, None, 1.5]}))
@@ -43,7 +43,7 @@ def test_columns_by_name_and_number(save: Callable[[Any], Path]) -> None:
     np.testing.assert_array_equal(log.output, [0.5, np.nan, 1.5])
 
 
-def test_every_kind_of_number(save: Callable[[Any], Path]) -> None:
+def test_every_kind_of_number_becomes_float64(save: Callable[[Any], Path]) -> None:
     import pyarrow as pa
 
     kinds = [pa.int8(), pa.uint16(), pa.int64(), pa.float16(), pa.float32(), pa.float64(), pa.bool_()]
@@ -65,7 +65,7 @@ def test_time_stamps_come_in_seconds(save: Callable[[Any], Path]) -> None:
     np.testing.assert_allclose(log.time, np.arange(5) * 1e-3, rtol=1e-15)
 
 
-def test_a_missing_time_stamp(save: Callable[[Any], Path]) -> None:
+def test_a_missing_time_stamp_is_refused(save: Callable[[Any], Path]) -> None:
     import pyarrow as pa
 
     stamps = pa.array([0, None, 2], pa.timestamp("s"))
@@ -91,7 +91,7 @@ def test_twin_names_are_told_apart_by_number(save: Callable[[Any], Path]) -> Non
         table.column("u")
 
 
-def test_no_rows(save: Callable[[Any], Path]) -> None:
+def test_a_file_without_rows_is_refused(save: Callable[[Any], Path]) -> None:
     import pyarrow as pa
 
     path = save(pa.table({"t": pa.array([], pa.float64()), "u": pa.array([], pa.int8()), "y": pa.array([], pa.int8())}))
@@ -99,7 +99,7 @@ def test_no_rows(save: Callable[[Any], Path]) -> None:
         read_log(path, input="u", output="y")
 
 
-def test_damaged(write: Callable[..., Path]) -> None:
+def test_a_file_of_another_format_is_refused(write: Callable[..., Path]) -> None:
     pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'replant[parquet]'")
     with pytest.raises(LogError, match=r"log\.pq: not a readable Parquet file"):
         read_columns(write("u,y\n1,2\n", "log.pq"))

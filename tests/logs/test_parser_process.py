@@ -1,4 +1,4 @@
-"""The process that reads a file: whatever becomes of it, it is one line, and the user's process goes on."""
+"""The parser process: however it ends, the user gets one line, and the user's process continues."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_an_interpreter_that_does_not_start_is_said(path: Path, monkeypatch: pyt
 
 
 def test_a_script_without_a_guard_may_read_a_file(path: Path) -> None:
-    """It is not run again by the process that parses, to which no module beside it hides one of Python's."""
+    """The parser process does not run the script again, and no module next to the script hides one of Python's."""
     (path.parent / "script.py").write_text(
         f"import replant as rp\nprint(len(rp.read_log({str(path)!r}, input=0, output=1, dt=1)))"
     )
@@ -117,7 +117,7 @@ def test_what_the_caller_cannot_import_the_process_does_not_either(path: Path, m
 
 
 def test_the_process_that_reads_parquet_imports_no_pandas(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It would be most of the memory that a short file takes, and most of the time."""
+    """For a short file, pandas would take most of the memory and of the time."""
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     pq.write_table(pa.table({"u": U, "y": [*U[1:], None]}), tmp_path / "log.parquet")
     (tmp_path / "pandas.py").write_text(f"import pathlib; pathlib.Path({str(tmp_path / 'imported')!r}).touch()")

@@ -68,7 +68,7 @@ def test_a_long_list_is_cut(write: Write) -> None:
 
 
 @pytest.mark.parametrize("number", [3, -1, "3"])
-def test_a_number_out_of_range(write: Write, number: int | str) -> None:
+def test_a_number_out_of_range_is_refused(write: Write, number: int | str) -> None:
     with pytest.raises(LogError, match=rf"no column {number}; columns 0 to 2 are: t, u, y"):
         read_log(write(TEXT), input=number, output="y")
 
@@ -88,7 +88,7 @@ def test_a_column_is_a_name_or_a_number(write: Write, key: object) -> None:
         ({"input": "t", "output": "y", "time": "t"}, "input and time are the same column 't'"),
     ],
 )
-def test_a_column_chosen_twice(write: Write, choice: dict[str, str], message: str) -> None:
+def test_a_column_chosen_twice_is_refused(write: Write, choice: dict[str, str], message: str) -> None:
     with pytest.raises(LogError, match=f"{message}; choose two different columns"):
         read_log(write(TEXT), **choice)  # type: ignore[arg-type]
 
@@ -124,7 +124,7 @@ def test_a_file_without_permission(write: Write) -> None:
 
 
 @pytest.mark.parametrize("name", ["log.ods", "log", "log.xls"])
-def test_unknown_file_types(write: Write, name: str) -> None:
+def test_unknown_file_types_are_refused(write: Write, name: str) -> None:
     with pytest.raises(LogError, match=r"unknown file type '.*'; a log is one of \.csv \.txt .* \.mat \.npz"):
         read_columns(write(TEXT, name))
 

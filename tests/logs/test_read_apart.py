@@ -1,4 +1,4 @@
-"""What a process of its own reads is what this process reads, in every format that a parser reads there."""
+"""The parser process reads the same as this process, in every format with a library."""
 
 from __future__ import annotations
 

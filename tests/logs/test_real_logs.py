@@ -30,14 +30,16 @@ LOGS = [
 
 
 @every(("name", "choice", "samples", "dt"), LOGS, ids=[name for name, *_ in LOGS])
-def test_length_and_sampling_time(datasets: Path, name: str, choice: dict[str, Any], samples: int, dt: float) -> None:
+def test_logs_have_their_length_and_sampling_time(
+    datasets: Path, name: str, choice: dict[str, Any], samples: int, dt: float
+) -> None:
     log = read_log(datasets / name, **choice)
     assert (len(log), log.dt) == (samples, dt)
     assert np.isfinite(log.input).all()
     assert np.isfinite(log.output).all()
 
 
-def test_two_levels(datasets: Path) -> None:
+def test_the_input_of_the_motor_has_two_levels(datasets: Path) -> None:
     log = read_log(datasets / "un_dcmotor/DCmotor_prbs_open_exp.csv", input="u", output="y")
     assert np.unique(log.input).tolist() == [0.35084835, 0.43567032]
 

@@ -1,4 +1,4 @@
-"""A log of any length: checked as a whole, gone through block by block, and never held."""
+"""A log of any length: checked as a whole, read in blocks, and never held in memory."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def test_dates_of_parts_count_from_the_first_of_all(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.time, 0.02 * np.arange(20), atol=1e-12)
 
 
-def test_where_there_is_no_room_for_a_long_log_it_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_space_for_a_long_log_is_an_error_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path / "log.csv", signals())
     monkeypatch.setenv("TMPDIR", str(tmp_path / "none"))
     with pytest.raises(

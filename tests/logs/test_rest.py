@@ -1,4 +1,4 @@
-"""A record that begins at rest: the gain of a step test is known from the first samples on."""
+"""A record that begins at rest: a step right at its start suffices for the gain."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def step_test(seed: int, begin: int, level: float = 3.0) -> rp.Log:
 
 @every("begin", [1, 5, 40], quick=1)
 def test_the_gain_is_better_known_and_within_what_is_promised(begin: int) -> None:
-    """Of 20 records: the mean square of what it is off by, in its standard deviations, is 1 within a factor of 2."""
+    """Over 20 records the mean square error, in standard deviations, is 1 within a factor of 2."""
     off, spread = [], []
     for seed in range(20):
         log = step_test(seed, begin)
@@ -35,7 +35,7 @@ def test_the_gain_is_better_known_and_within_what_is_promised(begin: int) -> Non
     assert np.mean(np.square(off)) < 2.0
 
 
-def test_what_is_put_before_is_at_rest() -> None:
+def test_the_samples_put_before_the_log_are_at_rest() -> None:
     log = step_test(0, 5)
     log = rp.Log(log.input, log.output, DT, 7.0 + DT * np.arange(150), others={"pump": np.arange(150.0)})
     longer = rp.from_rest(log)
@@ -58,7 +58,7 @@ def test_without_an_output_before_the_first_move_it_is_refused() -> None:
         rp.from_rest(rp.Log(log.input, y, DT))
 
 
-def test_the_word_of_other_tools_is_answered() -> None:
+def test_the_option_name_of_other_tools_gets_a_hint() -> None:
     log = step_test(0, 5)
     with pytest.raises(rp.ArgumentTypeError, match="from_rest"):
         rp.fit(log, poles=1, x0="zero")
@@ -76,7 +76,7 @@ def test_a_dead_time_does_not_hide_the_rest() -> None:
 
 @every("several", [False, True], quick=1)
 def test_the_rest_is_no_part_of_the_record_that_is_counted(several: bool) -> None:
-    """What is put before is neither a sample nor a rejected one, nor does the record last longer for it."""
+    """The added samples count neither as samples nor as rejected ones, nor in the duration."""
     log = step_test(0, 5)
     pump = np.where(np.arange(150) // 30 % 2 == 0, 0.0, 1.0)
     y = log.output + G.simulate(pump, DT)

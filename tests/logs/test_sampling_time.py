@@ -1,4 +1,4 @@
-"""The sampling time: which stamps are regular, and what is said of those that are not."""
+"""The sampling time: regular and irregular stamps, and the errors of invalid ones."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Write = Callable[..., Path]
 
 
 def judged(stamps: NDArray[np.float64]) -> tuple[float, str]:
-    """The interval of stamps, and where it is irregular."""
+    """Return the interval of stamps, and the text on the first irregular one."""
     interval, irregularity = interval_of(Table(Path("log.csv"), ("t",), lambda _: iter(()), "row {}".format), 0, stamps)
     assert is_regular(stamps) == (not irregularity)
     return interval, irregularity
@@ -66,12 +66,12 @@ def test_rounding_of_printed_digits_is_no_irregularity(dt: float, decimals: int,
     assert abs(step_of(stamps) - dt) <= 1.01 * 10.0**-decimals / (count - 1) + 1e-11 * dt
 
 
-def test_stamps_in_single_precision() -> None:
+def test_stamps_in_single_precision_are_regular() -> None:
     stamps = (1e-3 * np.arange(240_000)).astype(np.float32).astype(np.float64)
     assert math.isclose(step_of(stamps), 1e-3, rel_tol=1e-6)
 
 
-def test_stamps_since_1970() -> None:
+def test_stamps_since_1970_are_regular() -> None:
     assert math.isclose(step_of(1.7e9 + 1e-4 * np.arange(10_000)), 1e-4, rel_tol=1e-6)
 
 
@@ -139,14 +139,14 @@ def test_the_interval_of_an_irregular_clock_has_no_digits_of_rounding(begin: flo
 
 
 def test_the_stamps_of_a_regular_clock_do_not_count(write: Write) -> None:
-    """Rounded they would cost accuracy: the mean interval is better known than each."""
+    """Rounded stamps would reduce the accuracy: the mean interval is more accurate than each interval."""
     log = read_log(write(log_text(["0", "0.033", "0.067", "0.1"])), input="u", output="y")
     assert log.stamps is None
     assert log.time is not None
     assert log.duration == 4 * log.dt
 
 
-def test_irregular_stamps_in_another_unit(write: Write) -> None:
+def test_irregular_stamps_in_another_unit_become_seconds(write: Write) -> None:
     log = read_log(write(log_text(["0", "100", "200", "450"], "t [ms]")), input="u", output="y")
     assert log.dt == 0.1
     assert log.stamps is not None
@@ -154,7 +154,7 @@ def test_irregular_stamps_in_another_unit(write: Write) -> None:
 
 
 @every("stamps", [[], [1.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.5], [0.0, math.nan, 2.0]])
-def test_what_is_no_increasing_time_is_no_regular_clock(stamps: list[float]) -> None:
+def test_stamps_that_do_not_increase_are_not_a_regular_clock(stamps: list[float]) -> None:
     assert is_regular(np.array(stamps)) == (len(stamps) < 2)
 
 
@@ -182,7 +182,7 @@ def test_a_column_that_has_another_role_is_not_looked_for_as_the_time(write: Wri
         (["10.00.00", "10.00.01", "10.00.02"], "line 2, column 't': '10.00.00' is not a number; convert dates"),
     ],
 )
-def test_stamps_that_are_no_times(write: Write, stamps: list[str], message: str) -> None:
+def test_stamps_that_are_not_increasing_times_are_refused(write: Write, stamps: list[str], message: str) -> None:
     with pytest.raises(LogError, match=message):
         read_log(write(log_text(stamps)), input="u", output="y")
 
@@ -237,7 +237,7 @@ def test_dates_as_numbers_of_days_are_no_seconds(origin: float, step: float) -> 
     assert not unit_of_stamps("t", origin + step * np.arange(500.0)).refused  # since midnight, say
 
 
-def test_a_file_that_runs_backwards_is_said_to(write: Write) -> None:
+def test_a_file_that_runs_backwards_is_refused_with_the_remedy(write: Write) -> None:
     rows = "".join(f"{9 - k},1,2\n" for k in range(10))
     with pytest.raises(
         LogError, match=r"line 3, column 't': the time stamp 8 goes back .*; the file runs backwards: sort"
@@ -253,14 +253,14 @@ def test_without_time_and_dt_both_are_named_and_options_where_a_command_may_read
         open_recording(path, input="u", output="y")
 
 
-def test_two_columns_called_time(write: Write) -> None:
+def test_two_columns_called_time_are_refused_until_one_is_named(write: Write) -> None:
     path = write("t,timestamp,u,y\n0,5,1,2\n1,6,2,3\n")
     with pytest.raises(LogError, match="several columns could be the time: 't', 'timestamp'; name the time column"):
         read_log(path, input="u", output="y")
     assert read_log(path, input="u", output="y", time="timestamp").dt == 1.0
 
 
-def test_time_and_dt_together(write: Write) -> None:
+def test_time_and_dt_together_are_refused(write: Write) -> None:
     with pytest.raises(InvalidArgumentError, match="give either the time column"):
         read_log(write(log_text(["0", "1"])), input="u", output="y", time="t", dt=1.0)
 
@@ -278,7 +278,7 @@ def test_dt_must_be_a_number(dt: object) -> None:
 
 
 @pytest.mark.parametrize(("values", "step"), [([0.0, 1.0], 1.0), ([0.25, 7.0], 0.01), ([1 / 3, 2.0], 2.0**-50)])
-def test_resolution(values: list[float], step: float) -> None:
+def test_the_resolution_of_stamps_is_found(values: list[float], step: float) -> None:
     resolution = StampResolution()
     resolution.add(np.array(values))
     assert resolution.step == step

@@ -1,4 +1,4 @@
-"""Names in messages: as many as one readable line holds, and how many more there are."""
+"""Names in messages: as many as fit on a readable line, and the number of the others."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def save(folder: Path, *segments: list[Any]) -> Path:
     return path
 
 
-def test_waveforms(tmp_path: Path) -> None:
+def test_waveforms_have_their_own_clock(tmp_path: Path) -> None:
     path = save(tmp_path, [channel("u", U, **wave(0.1, unit_string="V")), channel("y", Y, **wave(0.1))])
     assert read_columns(path).names == ("rig/u [V]", "rig/y")
     log = read_log(path, input="rig/u", output="rig/y")
@@ -67,12 +67,12 @@ def test_without_waveforms_the_time_is_a_column(tmp_path: Path) -> None:
     assert read_log(path, input="rig/u", output="rig/y", dt=2.0).dt == 2.0
 
 
-def test_no_channel_of_numbers(tmp_path: Path) -> None:
+def test_a_file_without_numbers_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no channel of numbers in the file; choose another file"):
         read_columns(save(tmp_path, [channel("note", ["a", "b"])]))
 
 
-def test_without_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_nptdms_the_message_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path, [channel("u", U)])
     monkeypatch.setitem(sys.modules, "nptdms", None)
     with pytest.raises(MissingDependencyError, match=re.escape("reading TDMS needs npTDMS: pip install npTDMS")):

@@ -1,4 +1,4 @@
-"""A last line that was cut off is left out, and said."""
+"""A last line that was cut off is left out, with a note."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_a_line_that_was_cut_off_is_left_out(
 
 
 @every("end", ["", "3,4.5,5", "3,4.5,", "# end", "   ", "3,4.5,5\n"])
-def test_a_whole_line_is_none(write: Write, end: str) -> None:
+def test_a_complete_last_line_is_not_cut_off(write: Write, end: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert read_columns(write(WHOLE + end)).notes == ()

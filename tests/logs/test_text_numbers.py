@@ -1,4 +1,4 @@
-"""Decimal comma, thousands separators and what may be either."""
+"""Decimal commas, thousands separators, and marks that may be either."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ READ = {
 def test_thousands_are_read(
     write: Write, monkeypatch: pytest.MonkeyPatch, cells: list[str], values: list[float], size: int, order: int
 ) -> None:
-    """In whatever order, and however the file is cut into blocks."""
+    """In any order, and with any size of blocks."""
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
     path = write("t;u\n" + "".join(f"{k};{cell}\n" for k, cell in enumerate(cells[::order])))
     assert read_columns(path).column("u").tolist() == values[::order]
@@ -85,7 +85,7 @@ AMBIGUOUS = {
 
 @every(("text", "message"), AMBIGUOUS.values(), ids=AMBIGUOUS)
 @every("size", [1, 1 << 20])
-def test_what_may_be_two_numbers_is_refused(
+def test_an_ambiguous_decimal_mark_is_refused(
     write: Write, monkeypatch: pytest.MonkeyPatch, text: str, message: str, size: int
 ) -> None:
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)

@@ -110,12 +110,12 @@ def test_stamps_with_different_offsets_are_instants(write: Write) -> None:
 
 
 @pytest.mark.parametrize("names", ["Date;Time;u;y", "Datum;Uhrzeit;u;y"])
-def test_date_and_clock_time_in_two_columns(write: Write, names: str) -> None:
+def test_date_and_clock_time_in_two_columns_are_joined(write: Write, names: str) -> None:
     rows = "".join(f"01.05.2024;23:59:{s};1;2\n" for s in (58, 59)) + "02.05.2024;00:00:00;1;2\n"
     assert read_log(write(f"{names}\n{rows}"), input="u", output="y").time.tolist() == [0.0, 1.0, 2.0]  # type: ignore[union-attr]
 
 
-def test_a_file_without_names(write: Write) -> None:
+def test_stamps_are_read_in_a_file_without_names(write: Write) -> None:
     path = write("2024-05-01T10:00:00,1,2\n2024-05-01T10:00:02,1,2\n")
     assert read_log(path, input=1, output=2).dt == 2.0
     assert stamped_interval(path) == ("0", 2.0)
@@ -177,7 +177,7 @@ REFUSED = {
 
 @every(("forms", "message"), REFUSED.values(), ids=REFUSED)
 @every("size", [100, 1 << 20])
-def test_a_clock_that_jumps_is_said(
+def test_a_clock_that_jumps_is_an_error(
     write: Write, monkeypatch: pytest.MonkeyPatch, forms: list[str], message: str, size: int
 ) -> None:
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
@@ -195,5 +195,5 @@ def test_a_clock_that_jumps_is_said(
     "cell",
     ["12.5", "1.2.3", "10:5", "10:60:00", "10:00:60", "2024-13-01", "24-05-01", "10:00:00+01:00", "13:00 PM", "", "x"],
 )
-def test_no_stamps(cell: str) -> None:
+def test_cells_that_are_not_stamps_have_no_format(cell: str) -> None:
     assert find_format([cell]) is None

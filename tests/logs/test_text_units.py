@@ -51,5 +51,5 @@ def test_rows_that_are_none_of_units(row: str) -> None:
 
 
 @every("unit", ["m/s^2", "N*m", "kg m^2", "°C", "U/min", "%", "mV/V", "µs", "nA", "rad/s", "m³/h"])
-def test_units(unit: str) -> None:
+def test_known_units_are_recognized(unit: str) -> None:
     assert units_in(["s", unit]) == ["s", unit]

@@ -56,7 +56,7 @@ def test_topics_of_different_rates_are_merged(tmp_path: Path) -> None:
 
 
 def test_a_stamp_within_a_message_is_not_its_clock(tmp_path: Path) -> None:
-    """As in position_setpoint_triplet.previous.timestamp, which stays zero."""
+    """An example is position_setpoint_triplet.previous.timestamp, which stays zero."""
     formats = b"part:uint64_t timestamp;float x;", b"drive:uint64_t timestamp;part held;float u;float y;"
     samples = [struct.pack("<HQQ3f", 0, START + 1000 * k, 0, 0.0, U[k], Y[k]) for k in range(K)]
     added = [message(b"A", struct.pack("<BH", 0, 0) + b"drive"), *(message(b"D", each) for each in samples)]
@@ -68,7 +68,7 @@ def test_a_stamp_within_a_message_is_not_its_clock(tmp_path: Path) -> None:
     assert (clock.dt, clock.problem, clock.guess) == (0.001, "", "")
 
 
-def test_instances_of_a_topic(tmp_path: Path) -> None:
+def test_instances_of_a_topic_are_numbered(tmp_path: Path) -> None:
     path = save(tmp_path, topic(0, "drive", rows(U, 1000)), topic(1, "drive", rows(Y, 1000), instance=1))
     log = read_log(path, input="drive[0].control[0]", output="drive[1].control[0]")
     np.testing.assert_array_equal(log.output, np.float32(Y))
@@ -82,24 +82,24 @@ def test_a_file_that_pyulog_wrote(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.column("motion.control[0]"), first.column("motion.control[0]"))
 
 
-def test_lost_samples_are_said(tmp_path: Path) -> None:
+def test_lost_samples_are_noted(tmp_path: Path) -> None:
     topics = topic(0, "drive", rows(U, 1000)), message(b"O", struct.pack("<H", 250)), topic(1, "motion", rows(Y, 1000))
     with pytest.warns(UserWarning, match=r"log\.ulg: the logger lost samples for 0\.25 s, in 1 gaps"):
         read_log(save(tmp_path, *topics), input="drive.control[0]", output="motion.control[0]")
 
 
-def test_a_file_without_data(tmp_path: Path) -> None:
+def test_a_file_without_data_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no channel of numbers with time stamps in the file"):
         read_columns(save(tmp_path))
 
 
-def test_another_file(tmp_path: Path) -> None:
+def test_a_file_of_another_format_is_refused(tmp_path: Path) -> None:
     (tmp_path / "log.ulg").write_bytes(b"t,u,y\n0,1,2\n")
     with pytest.raises(LogError, match="not a readable ULog file"):
         read_columns(tmp_path / "log.ulg")
 
 
-def test_without_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pyulog_the_message_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path)
     monkeypatch.setitem(sys.modules, "pyulog", None)
     with pytest.raises(MissingDependencyError, match=r"reading ULog needs pyulog: pip install 'replant\[ulog\]'$"):

@@ -53,7 +53,7 @@ def test_the_first_sheet_with_a_table_counts(tmp_path: Path) -> None:
     assert read_columns(path).names == ("t", "u", "y")
 
 
-def test_columns_apart_and_a_row_of_units(tmp_path: Path) -> None:
+def test_empty_columns_are_skipped_and_a_row_of_units_is_read(tmp_path: Path) -> None:
     rows = [[None, "t", None, "u", "y"], [None, "ms", None, "V", "mm"], *([None, 20 * k, None, k, k] for k in range(9))]
     path = save(tmp_path, [*rows, [], []])
     assert read_columns(path).names == ("t [ms]", "u [V]", "y [mm]")
@@ -73,7 +73,7 @@ STAMPS: dict[str, list[Any]] = {
 
 
 @every(("kind", "dt"), [*zip(STAMPS, [0.5, 86400.0, 1.0, 60.0, 1.0, 1.0, 1.0], strict=True)])
-def test_cells_of_dates_and_times(tmp_path: Path, kind: str, dt: float) -> None:
+def test_cells_of_dates_and_times_become_seconds(tmp_path: Path, kind: str, dt: float) -> None:
     stamps = STAMPS[kind]
     path = save(tmp_path, [["when", "u", "y"], *([stamp, k, k] for k, stamp in enumerate(stamps))])
     log = read_log(path, input="u", output="y")
@@ -82,7 +82,7 @@ def test_cells_of_dates_and_times(tmp_path: Path, kind: str, dt: float) -> None:
     assert log.time.tolist() == [dt * k for k in range(9)]
 
 
-def test_a_clock_that_is_turned_is_said(tmp_path: Path) -> None:
+def test_a_shift_of_the_clock_is_an_error(tmp_path: Path) -> None:
     begin = datetime(2024, 10, 27, 2, 59, 55)
     stamps = [begin + timedelta(seconds=k - 3600 * (k > 4)) for k in range(9)]
     path = save(tmp_path, [["t", "u", "y"], *([stamp, 1, 2] for stamp in stamps)])
@@ -114,7 +114,7 @@ def test_a_bad_workbook_is_refused_in_one_line(tmp_path: Path, rows: list[list[A
     assert str(caught.value).startswith(f"{path}: ")
 
 
-def test_without_openpyxl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_openpyxl_the_message_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path, [["u", "y"], [1, 2]])
     monkeypatch.setitem(sys.modules, "openpyxl", None)
     with pytest.raises(MissingDependencyError, match=r"needs openpyxl: pip install 'replant\[xlsx\]'$"):

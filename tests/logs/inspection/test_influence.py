@@ -1,4 +1,4 @@
-"""How much one signal foretells another, and after which delay, on signals of which that is known."""
+"""Influence and delay between signals for which both are known."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from support.cases import every
 
 
 def walk(seed: int, samples: int = 20_000) -> np.ndarray:
-    """Every sample is a step: what a plant makes of it is its answer to a step."""
+    """A random walk: its samples are steps, so that a plant's response to it shows the step response."""
     return np.cumsum(np.random.default_rng(seed).standard_normal(samples))
 
 
 def ramped(u: np.ndarray, delay: int, width: int) -> np.ndarray:
-    """The output of a plant whose answer to a step is a straight line of ``width`` samples, behind a dead time."""
+    """The output of a plant whose step response is a ramp of ``width`` samples after a dead time."""
     late = np.concatenate([np.full(delay + 1, u[0]), u])[: u.size]
     mean = np.convolve(np.concatenate([np.full(width - 1, u[0]), late]), np.full(width, 1.0 / width), "valid")
     return np.asarray(mean)
@@ -26,10 +26,12 @@ def ramped(u: np.ndarray, delay: int, width: int) -> np.ndarray:
 @every("delay", [0, 1, 5, 30])
 @every("width", [1, 20])
 @every("gain", [1.0, -4.0])
-def test_a_response_begins_behind_the_dead_time_and_is_half_there_half_way(delay: int, width: int, gain: float) -> None:
-    """The line reaches x of its end ``x width`` samples behind the dead time; between two samples it is straight.
+def test_a_response_begins_after_the_dead_time_and_reaches_half_at_half_its_width(
+    delay: int, width: int, gain: float
+) -> None:
+    """The ramp reaches the part x of its end ``x width`` samples after the dead time; it is linear between samples.
 
-    Of 20,000 moves of the input chance leaves 0.7 % of the answer; a tenth of its width is far more.
+    With 20,000 moves of the input the error by chance is 0.7 % of the response; a tenth of its width is far more.
     """
     u = walk(1)
     found = response(prepared(u), prepared(3.0 + gain * ramped(u, delay, width)))
@@ -48,8 +50,8 @@ def test_what_is_independent_has_no_response() -> None:
     assert response(prepared(np.ones(20_000)), noise) is None
 
 
-def test_what_a_signal_adds_to_what_is_foretold_is_a_ratio_of_powers() -> None:
-    """b is a of the sample before and half as much noise: its power 1.25 falls to .25."""
+def test_influence_is_the_logarithm_of_a_ratio_of_residual_powers() -> None:
+    """b is the previous sample of a plus half as much noise: the prediction reduces its power from 1.25 to 0.25."""
     a, noise = np.random.default_rng(3).standard_normal((2, 20_000))
     b = np.concatenate([[0.0], a[:-1]]) + 0.5 * noise
     assert influence(prepared(a), prepared(b)) == pytest.approx(math.log(1.25 / 0.25), abs=0.05)

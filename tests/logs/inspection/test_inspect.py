@@ -1,4 +1,4 @@
-"""What `inspect` finds in records whose truth is known, and in odd files."""
+"""`inspect` on records with known truth, and on odd files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def open_loop(samples: int = 3000, *, delay: float = 0.0, noise: float = 0.0, se
 
 
 def closed_loop(samples: int = 3000, noise: float = 0.005) -> Signals:
-    """Return a record of the same plant, sampled, under a PI controller whose set-point moves in steps."""
+    """Return a sampled record of the same plant under a PI controller whose set-point moves in steps."""
     rng = np.random.default_rng(3)
     r = np.repeat(rng.uniform(-1.0, 1.0, samples // 100), 100)
     a = np.exp(-DT / 0.3)
@@ -80,7 +80,7 @@ def test_a_prbs_is_an_input_whatever_its_name(tmp_path: Path) -> None:
 
 
 def test_names_decide_where_they_tell(tmp_path: Path) -> None:
-    """Also against what the signals say: here input and output are exchanged on purpose."""
+    """Also against the signals: here input and output are exchanged on purpose."""
     signals = open_loop()
     path = save(tmp_path / "log.csv", {"t": signals["t"], "voltage": signals["y"], "speed": signals["u"]})
     found = inspect(path)
@@ -104,7 +104,7 @@ def test_a_column_that_is_given_is_taken(tmp_path: Path) -> None:
         inspect(path, input="x")
 
 
-def test_a_set_point_is_told_from_the_input_and_a_controller_is_noticed(tmp_path: Path) -> None:
+def test_the_set_point_is_distinguished_from_the_input_and_a_controller_is_suspected(tmp_path: Path) -> None:
     found = inspect(save(tmp_path / "log.csv", closed_loop()))
     roles = found.roles
     assert roles.input is not None
@@ -171,7 +171,7 @@ def test_a_damaged_cell_makes_its_column_text_and_names_the_place(tmp_path: Path
 
 
 def test_columns_of_text_with_one_name_leave_the_others_readable(tmp_path: Path) -> None:
-    """X-Plane writes a bar between two columns: of each, line and name of what is no number are the same."""
+    """X-Plane writes a column of bars between two columns: all bars have the same line and name in the error."""
     path = tmp_path / "log.csv"
     path.write_text("u,|,y,|\n" + "".join(f"{k % 7},|,{k % 5},|\n" for k in range(30)))
     assert [column.name for column in inspect(path).contents.columns if column.is_signal] == ["u", "y"]
@@ -250,7 +250,7 @@ def test_milliseconds_since_1970_are_recognised_by_their_size(tmp_path: Path) ->
 
 
 def check_clock(path: Path, column: str | None, u: str = "u", y: str = "y") -> None:
-    """Check that a log is looked at with the clock that a fit takes, for sure and without a word of it."""
+    """Check that the inspection has the clock of a fit, without a guess or a doubt."""
     found, log = inspect(path), read_log(path, input=u, output=y)
     assert found.clock is not None
     assert (None if found.clock.column is None else found.clock.column.name) == column
@@ -271,7 +271,7 @@ def test_a_column_of_dates_is_the_clock_whatever_its_name(tmp_path: Path) -> Non
 
 
 def test_a_second_clock_is_no_input_or_output(tmp_path: Path) -> None:
-    """Milliseconds beside the time, and a counter of rows."""
+    """The log has milliseconds and a counter of rows in addition to the time."""
     signals = open_loop(noise=0.01)
     rows = np.arange(signals["u"].size)
     clocks = {"epoch": 1e6 + 20.0 * rows, "row": 3.0 + rows}
@@ -322,7 +322,7 @@ def test_cells_that_are_written_at_changes_are_held(tmp_path: Path, sparse: str)
 
 
 def test_rows_of_their_own_with_one_stamp_are_one_row(tmp_path: Path) -> None:
-    """Each second row of a stamp would be dropped, and with it every output."""
+    """If every second row of a stamp were dropped, all outputs would be lost."""
     signals = open_loop(noise=0.05)
     path = tmp_path / "log.csv"
     rows = zip(*(each.tolist() for each in signals.values()), strict=True)
@@ -364,7 +364,7 @@ def test_jitter_and_gaps_are_measured(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rows", [2, 4, 7, 10])
 def test_stamps_too_coarse_for_their_rows_are_counted(tmp_path: Path, rows: int) -> None:
-    """In whole seconds, so many rows a second: one second apart, a time constant would be so many times as long."""
+    """Stamps in whole seconds, several rows each: with rows one second apart, a time constant would be too long."""
     signals = open_loop(1000)
     found = inspect(save(tmp_path / "log.csv", signals | {"t": np.floor(np.arange(1000) / rows)}))
     assert found.clock is not None
@@ -434,7 +434,7 @@ def test_a_name_tells_the_role_by_its_words() -> None:
     assert [role_by_name(name) for name in names] == ["input", "output", "output", "reference", "reference", None]
 
 
-def test_of_a_step_that_no_correlation_shows_a_first_model_is_made() -> None:
+def test_a_step_without_significant_correlation_gets_a_first_model() -> None:
     u = np.where(np.arange(200) < 20, 0.0, 1.0)
     y = TransferFunction([0.5], [2.0, 1.0], 3.0).simulate(u, 0.5)
     found = first_model(u, y + 0.01 * np.random.default_rng(1).standard_normal(200), 0.5)
@@ -443,7 +443,7 @@ def test_of_a_step_that_no_correlation_shows_a_first_model_is_made() -> None:
 
 
 def test_a_column_that_moves_the_output_in_steps_is_named() -> None:
-    """As a load without a column it would be left out of what the model is to explain."""
+    """Without its column, it would be a load that the fit removes from the output."""
     k = np.arange(2000)
     u, d = prbs(k.size, hold=16), np.where((k > 700) & (k < 1500), 1.0, 0.0)
     y = TransferFunction([0.5], [2.0, 1.0]).simulate(u, 0.1) + 3.0 * d + white_noise(k.size, 0.05)
@@ -459,6 +459,6 @@ def test_where_neither_column_answers_either_may_be_the_input_unless_it_is_given
 
 
 def test_a_column_without_numbers_is_neither_quantised_nor_held() -> None:
-    """Nothing is known of it, so that nothing speaks for a role."""
+    """Nothing is known of the column, so it gets no role."""
     for column in (describe(0, "x", np.full(5, np.nan)), Column(1, "name", Kind.TEXT, 5, 5)):
         assert (column.levels, column.quantised, column.held, column.is_signal) == (0, False, 0.0, False)
