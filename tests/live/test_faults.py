@@ -1,4 +1,4 @@
-"""What goes wrong at a rig, injected into a session: what controllers are told, and what becomes of the estimate."""
+"""Faults of a rig injected into a session: the messages to controllers, and the effect on the estimate."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class InStep(FakeSource):
 
 
 def told(request: Request, u: np.ndarray, y: np.ndarray, step: int = STEP) -> list[EstimateMessage]:
-    """Return what a controller is told at the end of each step, from the last good one on."""
+    """Return the messages to a controller at the end of each step, beginning with the last good one."""
     sink, source = FakeSink(), InStep(u, y)
     source.step = step
     session, _ = make(
@@ -146,7 +146,7 @@ def marks(jump: tuple[int, float]) -> list[pytest.MarkDecorator]:
 
 @pytest.mark.parametrize(("entry", "factor"), [pytest.param(*jump, marks=marks(jump)) for jump in JUMPS])
 def test_a_parameter_that_jumps_is_noticed_and_learned_again(entry: int, factor: float) -> None:
-    """Trusted only while all coefficients are right within what their standard deviations say, or within 5 %."""
+    """The model is trusted only while all coefficients are right within their standard deviations, or within 5 %."""
     patience = JUMPS[entry, factor]
     step = STEP if patience < 5 else SELDOM
     u, y, true = jumping({GOOD: (entry, factor)}, GOOD + (patience + 3) * 1000)
@@ -163,7 +163,7 @@ def test_a_parameter_that_jumps_is_noticed_and_learned_again(entry: int, factor:
 
 @pytest.mark.slow
 def test_a_plant_that_jumps_twice_is_not_trusted_with_what_the_first_look_made_of_it() -> None:
-    """The second jump comes before the first is looked into: a revision across both is no prior for the next one."""
+    """The second jump comes before the first is examined: a revision across both is not a prior for the next one."""
     u, y, true = jumping({GOOD: (3, 1.5), GOOD + 60: (0, 2.0)}, GOOD + 5000, seed=46)
     _, *after = told(LIGHT, u, y)
     for estimate in after[3:]:  # of the first ones some saw the plant between
@@ -206,7 +206,7 @@ def test_lost_samples_jitter_and_a_gap(gap: float) -> None:
 
 @pytest.mark.parametrize("jump", [86_400.0, -86_400.0])
 def test_a_clock_that_jumps_by_a_day(jump: float) -> None:
-    """Ahead it is a gap, back it is a clock that was set: rig time never goes back, and the estimate goes on."""
+    """A jump ahead is a gap, a jump back a reset clock: rig time never decreases, and the estimate continues."""
     u, y = record(4000)
     t = 1e6 + DT * np.arange(4000)
     t[2000:] += jump

@@ -60,7 +60,7 @@ def test_a_regular_clock_stays_regular() -> None:
 def test_rows_of_the_history_stand_at_the_samples_of_their_times(
     clock: str, is_long: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Those of before the samples that are kept are left out; the rest are numbered from the first that is."""
+    """Rows before the kept samples are left out; the others are numbered from the first kept sample."""
     seen: list[Any] = []
 
     def write(path: Path, result: Any, log: Any, **_: Any) -> Path:

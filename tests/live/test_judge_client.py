@@ -1,4 +1,4 @@
-"""The observer's process: views come back, it dies and comes again, and the session never waits for it."""
+"""The observer's process: it returns views and is restarted after a crash, and the session never waits for it."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def pid(observer: Observer) -> int | None:
 
 
 @pytest.mark.parametrize("times", [2, pytest.param(10, marks=pytest.mark.slow)])
-def test_killed_it_is_started_again_each_time_and_keeps_its_history(
+def test_a_killed_observer_restarts_each_time_and_keeps_its_history(
     mortal: Observer, capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch, times: int
 ) -> None:
     monkeypatch.setattr(observing, "PAUSES", (0.01, 0.02))
@@ -159,7 +159,7 @@ def test_without_a_process_nothing_is_said_of_the_present_and_nothing_waits(mort
 def test_a_start_that_fails_is_tried_again(
     mortal: Observer, capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As where there are no descriptors or processes left: the session goes on, and so do the tries."""
+    """For example without file descriptors or processes: the session continues, and so do the attempts."""
     monkeypatch.setattr(observing, "PAUSES", (0.01, 0.02))
     mortal._pause = 0.01
     made, tries = observing.ObserverProcess, []
@@ -180,8 +180,10 @@ def test_a_start_that_fails_is_tried_again(
     )
 
 
-def test_a_look_that_fails_is_one_notice_and_the_next_goes_on(mortal: Observer, capfd: pytest.CaptureFixture) -> None:
-    """In the process itself: a state that cannot be read, twice, between two that can."""
+def test_a_view_that_fails_gives_one_notice_and_the_next_is_made(
+    mortal: Observer, capfd: pytest.CaptureFixture
+) -> None:
+    """In the process itself: two unreadable states between two readable ones."""
     seen(mortal, identifier(1000))
     process = mortal._process.process.pid
     for _ in range(2):
@@ -199,7 +201,7 @@ def test_a_look_that_fails_is_one_notice_and_the_next_goes_on(mortal: Observer, 
 
 
 @pytest.mark.parametrize("fails", ["make_view", "to_json"])
-def test_whatever_a_look_raises_the_pulse_alone_makes_nothing_trusted_again(
+def test_after_any_error_of_a_view_a_handover_without_samples_restores_no_trust(
     fails: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ours, theirs = multiprocessing.Pipe()
@@ -232,14 +234,14 @@ def test_a_view_of_a_session_without_samples_claims_nothing() -> None:
 def test_a_dashboard_that_cannot_be_served_later_on_ends_nothing(
     mortal: Observer, capfd: pytest.CaptureFixture
 ) -> None:
-    """As when the process was killed and something else has taken its port meanwhile."""
+    """For example after a kill, when another program has taken the port."""
     mortal._receive(ObserverMessage("serving", "http://127.0.0.1:8710/"))
     mortal._receive(ObserverMessage("failed", "the dashboard cannot listen on 127.0.0.1:8710"))
     assert "cannot listen on 127.0.0.1:8710; trying again" in capfd.readouterr().err
     seen(mortal, identifier(300))
 
 
-def test_a_crowd_at_the_page_is_none_of_the_sessions_business(observer: Observer) -> None:
+def test_a_crowd_at_the_page_does_not_affect_the_session(observer: Observer) -> None:
     """A hundred pages that do not read, and garbage: views go on, and nothing of it is in this process."""
     seen(observer, identifier(1000))
     threads, port = threading.active_count(), int(observer.url.rstrip("/").rpartition(":")[2])
@@ -261,7 +263,7 @@ def test_a_crowd_at_the_page_is_none_of_the_sessions_business(observer: Observer
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_that_end_a_session_do_not_reach_it(observer: Observer, number: signal.Signals) -> None:
-    """As `timeout`, Ctrl-C and service managers send them to every process: the session takes its last view after."""
+    """`timeout`, Ctrl-C and service managers signal every process, but the session needs the last view afterwards."""
     process = wait_for(lambda: pid(observer))
     os.kill(process, number)
     seen(observer, identifier(1000))
@@ -269,7 +271,7 @@ def test_signals_that_end_a_session_do_not_reach_it(observer: Observer, number: 
 
 
 def test_what_is_said_before_the_first_view_is_shown_at_once(capfd: pytest.CaptureFixture) -> None:
-    """It is not held back until there is something to look at."""
+    """It does not wait for the first view."""
     started = Observer(ObserverOptions(terminal=True))
     try:
         started.show("replant: sooner")
@@ -301,7 +303,7 @@ if __name__ == "__main__":
         wait_for(lambda: not left.exists() or "Z" in (left / "stat").read_text().split()[2])  # noqa: B023
 
 
-def test_an_old_view_says_nothing_of_the_present(observer: Observer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_outdated_view_is_not_used(observer: Observer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(observing, "TOO_OLD", PATIENCE)
     seen(observer, identifier(1000))
     assert observer.view is not None

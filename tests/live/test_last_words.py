@@ -1,4 +1,4 @@
-"""What a real broker holds of a session that is killed, ended, stopped or cut off: nothing dead is trusted."""
+"""The message that a real broker retains of a session that was killed, ended, stopped or cut off is not trusted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto: install
 
 
 class Listener:
-    """A controller: keeps what it is told, and connects again by itself."""
+    """A controller: keeps the messages, and reconnects by itself."""
 
     def __init__(self, broker: Broker) -> None:
         mqtt = pytest.importorskip("paho.mqtt.client", reason="paho-mqtt is not installed")
@@ -75,7 +75,7 @@ def rig() -> Iterator[ReplayingPeer]:
 
 
 def retained(broker: Broker) -> dict[str, Any]:
-    """What somebody finds who comes now."""
+    """Return the retained message that a new subscriber receives."""
     newcomer = Listener(broker)
     wait_for(lambda: newcomer.heard)
     newcomer.close()

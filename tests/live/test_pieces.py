@@ -26,7 +26,7 @@ UNKNOWN = Uncertainty(Structure(1), np.array([2.0, 4.0]), np.full((2, 2), np.nan
 PLANT = TransferFunction([4.0], [1.0, 2.0])
 
 
-def test_a_model_as_a_program() -> None:
+def test_a_model_becomes_a_program() -> None:
     model = {"num": [1.25], "den": [1.0, 0.5], "delay": 0.0, "verdict": {"status": "trusted\nimport os"}, "samples": 7}
     first, *rest = python_of(model).splitlines()
     assert first == "# identified by replant from 7 samples; verdict: trusted import os"

@@ -1,4 +1,4 @@
-"""The session's loop: what it learns, to the bit; when it ends; what it does besides."""
+"""The session's loop: it learns to the bit what the identifier learns; its ends; its outputs."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_batches_of_any_size_give_the_bits_of_the_whole_record(stamped: bool) ->
 
 
 def test_numbers_without_stamps_stand_for_a_regular_clock() -> None:
-    """Lost samples are lost time: without that a tenth lost would make the plant a tenth faster."""
+    """Lost samples count as time: otherwise, with a tenth lost, the plant would seem a tenth faster."""
     u, y = record(6000)
     kept = np.flatnonzero(np.random.default_rng(3).random(u.size) > 0.1)
 
@@ -198,7 +198,7 @@ def test_estimates_carry_the_newest_verdict_and_the_last_one_always_goes_out() -
 
 
 def test_a_verdict_is_of_the_model_that_was_judged() -> None:
-    """An estimate that has moved since, beyond what its standard deviations allow, is another one."""
+    """An estimate that has changed significantly since is another model."""
     u, y = record()
     told = {}
     for moved in (3.0, 5.0):

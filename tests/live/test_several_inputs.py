@@ -141,7 +141,7 @@ def test_a_view_has_the_model_and_the_samples_of_each_input() -> None:
 
 
 def test_nothing_is_simulated_of_what_answers_to_inputs_before_the_window() -> None:
-    """Until the dead time is over nobody knows what the plant answers to."""
+    """Within the dead time, the output depends on unknown earlier inputs."""
     assert np.nanmax(np.abs(seen().window.residual)) < 6.0 * seen().residual_std
 
 

@@ -1,4 +1,4 @@
-"""Nobody holds ``trusted: 1`` for longer than the time to live without accepted samples, whatever goes wrong."""
+"""Without accepted samples no receiver holds ``trusted: 1`` for longer than the time to live, whatever fails."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Clock:
 
 
 class Consumer:
-    """The other side of a wire: it holds the newest message that arrived, for as long as that says if it looks."""
+    """A receiver: it holds the newest message, and may respect the message's time to live."""
 
     interval = 0.01
 

@@ -1,4 +1,4 @@
-"""Who only connects keeps nobody out: connections are bounded in number and in time, descriptors are left over."""
+"""Idle clients exclude nobody: connections are limited in number and time, and file descriptors remain free."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_a_crowd_that_only_connects_keeps_nobody_out(hub: Hub, said: list[str], 
 
 
 @every("kind", IDLE, quick=2)
-def test_who_does_not_go_on_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+def test_a_client_that_stops_sending_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     with serve(hub) as served, watch(served.port) as watcher:
         monkeypatch.setattr(security, "ASKING", 0.2)  # a busy machine takes longer for the watcher's handshake
         monkeypatch.setattr(security, "ANSWERING", 0.2)
@@ -100,8 +100,8 @@ def test_who_does_not_go_on_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch
         until(watcher, 1)  # who watches is not
 
 
-def test_who_asks_once_and_then_byte_for_byte_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A byte now and then puts off the time that a server gives to connections between two requests."""
+def test_a_client_that_sends_single_bytes_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Single bytes postpone the server's own timeout between two requests."""
     monkeypatch.setattr(security, "ASKING", 0.5)
     with serve(hub) as served, crowd(served.port, 1, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n") as (wire,):
         wire.settimeout(0.05)
@@ -138,7 +138,7 @@ def test_watchers_leave_room_for_others(hub: Hub) -> None:
         assert ask(served.port, line, *handshake, f"Origin: http://127.0.0.1:{served.port}")[0] == 403
 
 
-def test_a_newcomer_takes_the_place_of_the_oldest_who_does_not_watch(hub: Hub) -> None:
+def test_a_new_connection_replaces_the_oldest_without_a_websocket(hub: Hub) -> None:
     with serve(hub) as served, watch(served.port) as watcher:
         until(watcher, 0)
         with crowd(served.port, MOST - 1) as (oldest, *others), crowd(served.port, 1):
@@ -151,7 +151,7 @@ def test_a_newcomer_takes_the_place_of_the_oldest_who_does_not_watch(hub: Hub) -
                     wire.recv(1)
 
 
-def test_wrong_tokens_do_not_heap_up(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_waiting_requests_with_wrong_tokens_are_bounded(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(security, "MOST_WAITING", 3)
     monkeypatch.setattr(security, "PAUSE", 1.0)
     with serve(hub, token="right") as served, ThreadPoolExecutor(16) as pool:
@@ -206,7 +206,7 @@ def model(port: int) -> dict[str, Any]:
     return {}
 
 
-def test_a_server_that_does_not_end_is_left_behind(hub: Hub, said: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_server_that_does_not_end_is_abandoned(hub: Hub, said: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server, "LEFT_BEHIND", 0.5)
     goes_on, dashboard = threading.Event(), serve(hub)
 

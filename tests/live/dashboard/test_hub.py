@@ -43,7 +43,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(app, "LOOK", 0.0)
 
 
-def test_who_comes_late_gets_the_newest_and_who_is_slow_skips() -> None:
+def test_a_late_browser_gets_the_newest_view_and_a_slow_one_skips_some() -> None:
     hub = silent()
 
     def meanwhile(views: int) -> None:
@@ -95,7 +95,7 @@ def test_what_is_drawn_is_cut_to_the_digits_that_are_seen_and_the_model_is_not()
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_what_json_does_not_have_is_never_sent(value: float) -> None:
-    """A browser could not read it: what is not known is None."""
+    """A browser could not parse it: unknown numbers are None."""
     hub = silent()
     hub.publish({"samples": 2, "window": {"y": [value]}})
     with pytest.raises(ValueError, match="JSON"):

@@ -1,4 +1,4 @@
-"""Who is let in and who is not: token, host, origin, and the headers that keep foreign content out."""
+"""Access control: token, host, origin, and the headers that exclude foreign content."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_its_own_names_are_answered(dashboard: Dashboard, host: str) -> None:
 )
 @every("line", EVERYTHING)
 def test_any_other_name_is_refused(dashboard: Dashboard, feed: Feed, line: str, host: str) -> None:
-    """A name that an attacker's page has had pointed at this machine."""
+    """An attacker can make any name resolve to this machine."""
     status, headers, body = ask(dashboard.port, line, f"Origin: http://{host}:{dashboard.port}", host=host)
     assert (status, feed.commands) == (421, [])
     assert b"is not known by that name" in body
@@ -82,7 +82,7 @@ def test_two_hosts_or_none_are_refused(dashboard: Dashboard) -> None:
 
 @pytest.mark.parametrize(("host", "known"), [("192.0.2.7:8710", True), ("192.0.2.8:8710", False), ("8710", False)])
 def test_the_address_that_a_request_came_to_is_a_name_of_the_server(host: str, known: bool) -> None:
-    """Of a server that listens at every address of the machine no list of names would have them all."""
+    """A server that listens at every address of the machine cannot list all their names."""
     guard = security.Guard(lambda *_: None, None, ())  # type: ignore[arg-type,return-value]
     scope = {"type": "http", "method": "GET", "server": ("192.0.2.7", 8710), "headers": [(b"host", host.encode())]}
     assert (guard._refusal(HTTPConnection(scope)) is None) == known
@@ -260,8 +260,8 @@ def test_every_answer_forbids_foreign_content(dashboard: Dashboard, line: str) -
     assert "server" not in headers
 
 
-def test_a_mistake_of_ours_does_so_too() -> None:
-    """Nothing of it is told; the terminal has it."""
+def test_the_answer_to_an_internal_error_has_the_headers_too() -> None:
+    """The answer does not contain the error; the terminal shows it."""
 
     class Secret:
         """What JSON cannot hold."""

@@ -23,8 +23,8 @@ def test_an_estimate_is_flat_json_with_every_digit() -> None:
     assert "sequence" not in json.loads(estimate(None).as_json())
 
 
-def test_of_what_is_not_said_nothing_is_vouched_for() -> None:
-    """Neither that the samples tell anything, nor that the model may be used, however it was judged."""
+def test_defaults_of_a_message_claim_neither_excitation_nor_trust() -> None:
+    """Whatever the verdict, the default is no excitation and no permission to use the model."""
     values = np.zeros(1)
     told = json.loads(EstimateMessage(0.0, None, 1, ("a0",), values, values, "running", "trusted").as_json())
     assert (told["excited"], told["trusted"], told["ttl"], told["sent"]) == (0, 0, 0.0, None)

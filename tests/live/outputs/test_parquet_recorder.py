@@ -65,7 +65,7 @@ def test_estimates_are_recorded_beside_them(tmp_path: Path) -> None:
     assert frame["excited"].tolist() == [False, True, True]
 
 
-def test_a_crash_while_a_part_is_written_costs_that_part_alone(tmp_path: Path) -> None:
+def test_a_crash_while_a_part_is_written_loses_only_that_part(tmp_path: Path) -> None:
     recorded(tmp_path, [slice(0, 300)])
     (tmp_path / "samples" / ".part-00000002.parquet").write_bytes(b"PAR1 and half of a page")  # what a crash leaves
     assert len(rp.read_log(tmp_path, input="u", output="y")) == 300
@@ -94,7 +94,7 @@ def test_a_call_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: py
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit to a file's size")
 @every("room", [0, 3, 500, 4000])
 def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, room: int) -> None:
-    """Wherever in the part it is met; what comes after, when there is room again, is recorded."""
+    """Wherever in the part the disk becomes full; later samples are recorded when there is space again."""
     with full_disk(room):
         assert len(recorded(tmp_path, [slice(0, 300)])) == 1
     assert not list((tmp_path / "samples").iterdir())
@@ -103,7 +103,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, room: int) -> None:
 
 
 def test_samples_that_are_sent_again_are_recorded_once(tmp_path: Path) -> None:
-    """After a crash a peer sends again what came after the checkpoint; part of that has been recorded already."""
+    """After a crash a peer repeats the samples since the checkpoint, some of which are already recorded."""
     recorded(tmp_path, [slice(0, 400)])
     recorded(tmp_path, [slice(200, 350), slice(350, 500), slice(500, 1000)], go_on=True)
     log = rp.read_log(tmp_path, input="u", output="y")

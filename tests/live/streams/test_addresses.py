@@ -60,13 +60,13 @@ def test_a_password_is_used_and_never_shown() -> None:
     assert "s3cret" not in str(caught.value)
 
 
-def test_standard_input_that_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_closed_standard_input_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", None)
     with pytest.raises(InvalidArgumentError, match="no standard input"):
         open_source("-")
 
 
-def test_a_source_before_its_first_sample() -> None:
+def test_a_source_can_be_closed_before_its_first_sample() -> None:
     source: Source = open_source("tcp://127.0.0.1:9000")
     assert source.state == "connecting"
     assert source.counters == {}

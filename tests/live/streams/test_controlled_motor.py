@@ -1,4 +1,4 @@
-"""The motor under its controller: plant and controller are what they say, endless, the same every time."""
+"""The motor under its controller: plant and controller are as documented; the samples are endless and reproducible."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def first(count: int, seek: int | None = None) -> list[np.ndarray]:
     return [np.concatenate([getattr(batch, name) for batch in batches])[:count] for name in names]
 
 
-def test_the_controller_is_the_one_that_is_told() -> None:
+def test_the_controller_is_the_documented_one() -> None:
     """Over the seams between blocks, too."""
     u, y, r = blocks(3)
     error = r - y
@@ -62,8 +62,8 @@ def test_the_plant_is_the_rig(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(y, RIG.plant.simulate(u, RIG.dt), rtol=0.0, atol=1e-8)
 
 
-def test_load_and_noise_are_of_the_size_that_is_told() -> None:
-    """What they make of the output: gain 10 at low frequency, of a load that wanders with the plant's own speed."""
+def test_load_and_noise_have_the_documented_size() -> None:
+    """Their effect on the output: the gain is 10 at low frequency, and the load is as slow as the plant."""
     u, y, _ = blocks(30)
     disturbance = y - RIG.plant.simulate(u, RIG.dt)
     assert np.diff(disturbance, 4).std() / np.sqrt(70.0) == pytest.approx(RIG.noise, rel=0.05)  # 1 + 16 + 36 + 16 + 1

@@ -1,4 +1,4 @@
-"""The simulated rig: the rig of `replant.rigs`, endless, the same every time, from any number on."""
+"""The simulated rig is that of `replant.rigs`: endless, reproducible, and able to start from any number."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_seeds_and_blocks_differ() -> None:
         assert abs(np.corrcoef(np.diff(y, 3), np.diff(other_y, 3))[0, 1]) < 0.1
 
 
-def test_real_time(read: Callable[..., Reading]) -> None:
+def test_samples_never_come_before_their_time(read: Callable[..., Reading]) -> None:
     begun = time.monotonic()
     reading = read(open_source("demo?seed=3"))
     reading.wait_for(50)
@@ -90,6 +90,6 @@ def test_a_full_queue_makes_the_simulation_wait_until_nobody_takes_any_more() ->
 
 
 @every("options", ["speed=-1", "seed=x", "seed=-1", "noise=1", "speed="])
-def test_wrong_options(options: str) -> None:
+def test_wrong_options_are_refused(options: str) -> None:
     with pytest.raises(InvalidArgumentError, match=r"^demo"):
         open_source(f"demo?{options}")

@@ -1,4 +1,4 @@
-"""The queue between reader and session: in order, bounded, nothing lost where the other side can wait."""
+"""The queue between reader and session: ordered, bounded, and without loss if the sender can wait."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def batch_of(first: int, count: int, arrived: float = 0.0) -> Batch:
 @settings(derandomize=True, max_examples=examples(200), deadline=None)
 @given(st.lists(st.integers(0, 12) | st.just(-1), max_size=40), st.integers(1, 10))
 def test_the_newest_stay_in_order_and_the_rest_is_counted(steps: list[int], capacity: int) -> None:
-    """-1 takes; anything else puts so many.  Beside a plain list that does the same."""
+    """Compare with a plain list; -1 takes samples, another number puts that many."""
     inbox, model, put, dropped, expected = Inbox(capacity, drop=True), [], 0, 0, 0
     for step in steps:
         if step >= 0:

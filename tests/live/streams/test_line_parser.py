@@ -1,4 +1,4 @@
-"""Every line is either samples or counted, whatever it holds; numbers are read to the bit, however blocks are cut."""
+"""Any line gives samples or is counted; numbers are exact to the bit, however blocks are cut."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def test_blank_lines_and_comments_are_no_lines(end: str) -> None:
     assert counters == {}
 
 
-def test_columns_in_another_order() -> None:
+def test_columns_may_be_in_any_order() -> None:
     batch, _ = parse("5,1,7\n6,2,8\n", ("y", "u", "n"))
     assert batch is not None
     assert batch.t is None
@@ -285,7 +285,7 @@ PIECES = st.sampled_from(
 
 
 def check(content: bytes, columns: tuple[str, ...] | None) -> None:
-    """Whole, in two blocks and line by line: the same samples and counts, and they add up."""
+    """Check that whole, in two blocks and line by line, samples and counts are equal, and their sum is right."""
     results = []
     lines = content.split(b"\n")
     half = b"\n".join(lines[: len(lines) // 2]) + b"\n", b"\n".join(lines[len(lines) // 2 :])
@@ -356,7 +356,7 @@ def test_any_payload_is_samples_or_counted(payloads: list[bytes], bare: bool) ->
         assert batch is None or batch.u.shape == batch.y.shape
 
 
-def test_packed_payloads() -> None:
+def test_packed_payloads_are_read_and_faulty_ones_counted() -> None:
     counters: Counter[str] = Counter()
     payloads = Payloads(Parser(counters))
     rows = [(7.0, 0.7, 1.0, 0.25), (8.0, 0.8, 2.0, 0.5)]

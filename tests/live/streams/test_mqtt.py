@@ -1,4 +1,4 @@
-"""MQTT with a real broker: every form of a message, the broker killed and started again, nothing taken twice."""
+"""MQTT with a real broker: all forms of messages, restarts of the broker, no sample used twice."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def test_ten_samples_a_message_to_the_bit(
 def test_the_broker_killed_and_started_again(
     broker: Broker, publisher: Publisher, read: Callable[..., Reading]
 ) -> None:
-    """Three times.  The device sends what it sent last once more each time, as one does that missed the answer."""
+    """Three times; each time the device repeats its last message, like a device that missed the confirmation."""
     reading = read(open_source(f"{broker.url}/{TOPIC}"))
     reading.wait_state("connected")
     sent: list[int] = []
@@ -161,10 +161,10 @@ def test_the_broker_killed_and_started_again(
 
 
 @pytest.mark.parametrize("qos", [0, 1])
-def test_a_network_that_fails_for_a_moment(
+def test_a_short_network_failure_loses_samples_only_with_qos_0(
     broker: Broker, publisher: Publisher, read: Callable[..., Reading], qos: int
 ) -> None:
-    """With qos 1 the broker keeps what came meanwhile; with qos 0 the gap is told by the numbers."""
+    """With qos 1 the broker keeps messages during the failure; with qos 0 the sequence numbers show the gap."""
     cable = Cable(broker.port)
     try:
         reading = read(open_source(f"mqtt://127.0.0.1:{cable.port}/{TOPIC}?qos={qos}"))
@@ -234,8 +234,8 @@ def test_closing_lets_go_of_thread_and_socket(broker: Broker) -> None:
     assert not [thread for thread in threading.enumerate() if broker.url in thread.name]
 
 
-def test_something_that_is_no_broker(read: Callable[..., Reading]) -> None:
-    """It answers in nonsense; we wait and try again until closed."""
+def test_a_peer_that_is_not_a_broker_is_tried_again(read: Callable[..., Reading]) -> None:
+    """It answers with garbage; the source tries again until it is closed."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.settimeout(PATIENCE)
         reading = read(open_source(f"mqtt://127.0.0.1:{listener.getsockname()[1]}/{TOPIC}"))

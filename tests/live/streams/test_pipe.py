@@ -51,7 +51,7 @@ def test_close_while_the_writer_keeps_silent(read: Callable[..., Reading]) -> No
     assert len(reading) == 2
 
 
-def test_standard_input_of_a_process_from_pipe_and_file(tmp_path: Path) -> None:
+def test_standard_input_may_be_a_pipe_or_a_file(tmp_path: Path) -> None:
     file = tmp_path / "samples.csv"
     file.write_bytes(b"0.1,1,2\n0.2,3,0.1\n")
     expected = [f"{(0.1).hex()} {(1.0).hex()} {(2.0).hex()}", f"{(0.2).hex()} {(3.0).hex()} {(0.1).hex()}", "{} ended"]

@@ -54,7 +54,7 @@ def test_lines_without_names_have_none() -> None:
 
 
 @pytest.mark.parametrize("copies", [1, 20])
-def test_objects(copies: int) -> None:
+def test_objects_and_arrays_have_it(copies: int) -> None:
     lines = "".join(json.dumps({"u": u, "r": r, "y": y}) + "\n" for u, y, r in zip(U, Y, R, strict=True))
     np.testing.assert_array_equal(batch_of(Parser(Counter()), copies * lines).r, np.tile(R, copies))
     arrays = json.dumps({"n": 4, "u": U.tolist(), "y": Y.tolist(), "r": [7.0, None, 9.0]}) + "\n"
@@ -72,7 +72,7 @@ def test_an_empty_cell_is_nan_and_text_is_refused() -> None:
 
 
 @pytest.mark.parametrize("letters", [b"uyr ", b"tuyr", b"nruy"])
-def test_packets(letters: bytes) -> None:
+def test_packed_payloads_have_it(letters: bytes) -> None:
     by_name = {"n": N, "t": 0.1 * N, "u": U, "y": Y, "r": R}
     table = np.column_stack([by_name[name] for name in letters.decode().strip()])
     batch = Payloads(Parser(Counter())).parse([MAGIC + letters + table.astype("<f8").tobytes()], arrived=0.0)
@@ -108,14 +108,14 @@ def test_a_number_that_leaps_keeps_it() -> None:
     np.testing.assert_array_equal(np.concatenate(parts), np.tile(R, 2))
 
 
-def test_tcp(peer: Peer, read: Callable[..., Reading]) -> None:
+def test_a_tcp_source_has_it(peer: Peer, read: Callable[..., Reading]) -> None:
     reading = read(open_source(f"tcp://127.0.0.1:{peer.port}?columns=n,u,y,r"))
     peer.accept().sendall(b"0,1,0.5,7\n1,2,0.6,8\n")
     reading.wait_for(2)
     np.testing.assert_array_equal(reading.column("r"), [7.0, 8.0])
 
 
-def test_udp(read: Callable[..., Reading]) -> None:
+def test_a_udp_source_has_it(read: Callable[..., Reading]) -> None:
     reading = read(source := open_source("udp://127.0.0.1:0?format=doubles&columns=t,u,y,r"))
     packet = np.array([[0.0, 1.0, 0.5, 7.0], [0.1, 2.0, 0.6, 8.0]], "<f8").tobytes()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -124,7 +124,7 @@ def test_udp(read: Callable[..., Reading]) -> None:
     np.testing.assert_array_equal(reading.column("r"), [7.0, 8.0])
 
 
-def test_a_pipe(tmp_path: Path) -> None:
+def test_a_pipe_has_it(tmp_path: Path) -> None:
     path = tmp_path / "lines"
     path.write_text("1,0.5,7\n2,0.6,8\n")
     with path.open("rb") as file:
@@ -133,7 +133,7 @@ def test_a_pipe(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("clock", ["", "&dt=0.1", "&time=t"])
-def test_a_replayed_log(tmp_path: Path, clock: str) -> None:
+def test_a_replayed_log_has_it(tmp_path: Path, clock: str) -> None:
     path = tmp_path / "log.csv"
     path.write_text("t,u,y,w\n0,1,0.5,7\n0.1,2,0.6,\n0.2,3,0.7,9\n")
     (batch,) = filter(len, open_source(f"{path}?reference=w{clock}").batches())
@@ -146,6 +146,6 @@ def test_a_replayed_log(tmp_path: Path, clock: str) -> None:
 
 
 @pytest.mark.parametrize("columns", ["r,u", "u,y,r,r", "u,y,x"])
-def test_names_that_are_wrong(columns: str) -> None:
+def test_wrong_names_of_columns_are_refused(columns: str) -> None:
     with pytest.raises(InvalidArgumentError, match="may name n, t and r, each once"):
         open_source(f"tcp://127.0.0.1:9?columns={columns}")

@@ -75,7 +75,7 @@ def test_rows_without_a_time_stamp_are_counted(tmp_path: Path, read: Callable[..
 
 
 @pytest.mark.parametrize("clock", ["", "&time=t", "&dt=0.01"])
-def test_a_pace(log: Path, read: Callable[..., Reading], clock: str) -> None:
+def test_a_speed_sets_the_duration(log: Path, read: Callable[..., Reading], clock: str) -> None:
     """A hundred seconds at a thousandfold speed take a tenth of a second, or longer on a busy machine."""
     begun = time.monotonic()
     reading = read(open_source(f"{log}?speed=1000{clock}"))

@@ -1,4 +1,4 @@
-"""Sequence numbers: no sample twice, each lost one counted, a reset device believed where nothing is resent."""
+"""Sequence numbers: no sample is used twice, losses are counted, and resets are accepted if nothing is resent."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_samples_add_up_and_go_on(replays: bool, batches: list[list[int]], last:
 
 
 def test_where_things_are_sent_again_an_old_number_is_never_taken() -> None:
-    """A peer that begins from zero again is read without effect until it gets past what was taken."""
+    """The samples of a peer that starts from zero again are dropped until its numbers pass the last one."""
     counters: Counter[str] = Counter()
     numbering = Numbering(counters, replays=True)
     numbering.last = 10_000
@@ -85,7 +85,7 @@ def test_a_misread_number_far_ahead_costs_its_sample_alone(replays: bool, parts:
 @every("replays", [True, False])
 @every("parts", [1, 3, 9])
 def test_a_leap_that_its_successor_confirms_costs_no_sample(replays: bool, parts: int) -> None:
-    """A cable that was out for hours, where nobody keeps what was meanwhile."""
+    """A cable was unplugged for hours, and the samples of that time are lost."""
     numbers = [1, 2, 3, 500_000, 500_001, 500_003, 900_000, 900_001, 900_002]
     counters: Counter[str] = Counter()
     numbering = Numbering(counters, replays=replays)
@@ -134,7 +134,7 @@ def test_a_thousand_numbers_back_is_late_and_more_is_a_reset(beyond: int) -> Non
 @every("replays", [True, False])
 @every("misread", [[2**32, 2**32], [2**40, 2**32], [2**32, 2**32 + 1, 2**32 + 2], [2**32, 2**33 - 20]])
 def test_several_misread_numbers_in_a_row_cost_one_more_sample(replays: bool, misread: list[int]) -> None:
-    """Even where they seem to confirm each other: none of the numbers between has been used."""
+    """Even if they seem to confirm each other: none of the numbers between has been used."""
     counters: Counter[str] = Counter()
     numbering = Numbering(counters, replays=replays)
     kept = screen(numbering, list(range(10)), misread, [number + 10 for number in range(20)])
@@ -163,7 +163,7 @@ def test_a_counter_that_wraps_is_followed(replays: bool, bits: int) -> None:
 
 @pytest.mark.parametrize("last", [2**16 - 1, 2**32 - 1])
 def test_what_is_sent_again_to_one_that_goes_on_is_no_counter_that_wrapped(last: int) -> None:
-    """Where the last number is that of a checkpoint, none has come over the first connection yet."""
+    """If the last number comes from a checkpoint, the first connection has not delivered a number yet."""
     numbering = Numbering(counters := Counter(), replays=True)
     numbering.last = last
     assert screen(numbering, *([k, k + 1] for k in range(0, 40, 2))) == []

@@ -198,7 +198,7 @@ def test_a_peer_gone_without_a_word_is_noticed(peer: Peer) -> None:
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_columns_from_the_url(peer: Peer, read: Callable[..., Reading], known: bool) -> None:
+def test_the_url_may_name_the_columns(peer: Peer, read: Callable[..., Reading], known: bool) -> None:
     reading = read(open_source(peer.url + ("?columns=y,u" if known else "")))
     peer.accept().sendall(b"1,2\n3,4\n")
     reading.wait_for(2)

@@ -1,4 +1,4 @@
-"""UDP datagrams: one or many samples each; late, repeated and lost ones told apart; the oldest dropped when full."""
+"""UDP datagrams with one or many samples: late, repeated and lost ones; a full queue drops the oldest."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from support.wires import Device, Reading, csv, opened, wait_until
 
 @every("end", [b"", b"\n", b"\r\n"], quick=1)
 @every("together", [1, 7])
-def test_datagrams_of_lines(read: Callable[..., Reading], end: bytes, together: int) -> None:
+def test_datagrams_with_lines_are_read_to_the_bit(read: Callable[..., Reading], end: bytes, together: int) -> None:
     t, u, y = np.random.default_rng(6).normal(size=(3, 210))
     reading = read(opened())
     lines = csv(t, u, y).splitlines()
@@ -78,7 +78,7 @@ def test_a_full_queue_drops_the_oldest_and_says_how_many(read: Callable[..., Rea
 
 
 def test_a_single_datagram_is_a_sample(read: Callable[..., Reading]) -> None:
-    """No second one came to confirm what its columns are."""
+    """There is no second datagram to confirm its columns."""
     source = opened()
     reading = read(source)
     with Device(source) as device:
@@ -112,7 +112,7 @@ def test_noise_is_counted(read: Callable[..., Reading]) -> None:
     assert reading.source.counters == expected
 
 
-def test_bare_doubles(read: Callable[..., Reading]) -> None:
+def test_bare_doubles_are_read_and_other_sizes_counted(read: Callable[..., Reading]) -> None:
     reading = read(opened("?format=doubles&columns=t,u,y"))
     with Device(reading.source) as device:
         device.send(struct.pack("<3d", 0.1, 2.0, 3.0))
