@@ -1,4 +1,4 @@
-"""Which rigs are in a folder of logs, from names, sizes and footers."""
+"""The rigs in a folder of logs, from names, sizes and footers."""
 
 from __future__ import annotations
 

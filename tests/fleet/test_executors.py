@@ -1,4 +1,4 @@
-"""Where a fleet is identified changes nothing: threads, processes, Dask, any executor; nor does a worker that dies."""
+"""The executor does not affect results: threads, processes, Dask, any executor; nor does the death of a worker."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_a_task_that_kills_every_worker_ends_the_run(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == MOST_LOST + 1
 
 
-def test_workers_of_the_caller_that_died_are_not_made_anew(tmp_path: Path) -> None:
+def test_dead_workers_of_the_caller_are_not_replaced(tmp_path: Path) -> None:
     with processes(1) as pool, pytest.raises(SystemRefusedError, match="restart them"):
         list(carried_out(Workers(pool), die_first, [(str(tmp_path), 0, 1)]))
 
@@ -169,7 +169,7 @@ def started(logs: Path, out: Path) -> subprocess.Popen:
 
 
 def has_rows(out: Path) -> bool:
-    """Whether a task is done: the file is held by the run, so that its size has to tell."""
+    """Return whether a task is finished; the run locks the file, so its size is used."""
     file = out / "fleet.sqlite"
     return file.exists() and file.stat().st_size > EMPTY
 
@@ -215,12 +215,12 @@ def test_a_run_whose_workers_are_killed_ends_with_the_same_bytes(
 
 
 @every("on", ["threads", "threads:0", "threads:x", "processes:-1", "dask:host:1", "dask://host", "mpi:4", ""])
-def test_an_executor_that_there_is_not_is_refused(on: str) -> None:
+def test_an_unknown_executor_name_is_refused(on: str) -> None:
     with pytest.raises(InvalidArgumentError, match="threads:N, processes:N or dask://HOST:PORT"):
         parsed(on)
 
 
-def test_what_is_no_executor_is_refused() -> None:
+def test_an_object_that_is_not_an_executor_is_refused() -> None:
     with pytest.raises(InvalidArgumentError, match=r"or a concurrent\.futures\.Executor, got 3"), workers(3):
         pass
 
@@ -232,7 +232,7 @@ def test_dask_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.filterwarnings("default")
-def test_a_scheduler_that_does_not_answer_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_does_not_respond_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("replant.fleet.executors.PATIENCE", 1.0)
     with (
         pytest.raises(SystemRefusedError, match=r"no Dask scheduler responds at 127\.0\.0\.1:9"),

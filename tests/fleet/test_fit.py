@@ -1,4 +1,4 @@
-"""Every rig of a fleet identified: the rows, what fails, what is done again."""
+"""Identification of every rig of a fleet: rows, failures, repetition."""
 
 from __future__ import annotations
 

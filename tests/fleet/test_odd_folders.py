@@ -1,4 +1,4 @@
-"""Folders as they are found: links that lead round, pipes, folders that cannot be read, results, odd names."""
+"""Odd folders: cyclic links, pipes, unreadable folders, results, odd names."""
 
 from __future__ import annotations
 

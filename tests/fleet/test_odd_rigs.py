@@ -1,4 +1,4 @@
-"""Which rigs of a fleet are odd, and what has drifted: with the uncertainty of each."""
+"""Odd and drifted rigs of a fleet, judged with the uncertainty of each rig."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ SURE = np.array([0.01, 0.01, 0.02])
     ("spread", "fleets"), [(0.03, 6), *(pytest.param(each, 12, marks=pytest.mark.slow) for each in (0.03, 1e-5))]
 )
 def test_a_fleet_without_odd_rigs_names_none_beyond_chance(spread: float, fleets: int) -> None:
-    """In one of a hundred fleets one is named: in twenty of them two are already hardly possible."""
+    """One fleet in a hundred has a rig named: two among twenty fleets are very improbable."""
     named = sum(int(oddness_of(table_of(fleet(seed, 120, spread), SHAPE), SHAPE).odd.sum()) for seed in range(fleets))
     assert named <= fleets // 6
 
@@ -214,7 +214,7 @@ def test_what_has_drifted_is_found_beside_the_uncertainty_of_both(tmp_path: Path
 
 
 def test_coefficients_that_no_record_tells_are_not_compared(tmp_path: Path) -> None:
-    """With a pole and a zero too many each record puts the two elsewhere: nothing has drifted."""
+    """With a superfluous pole and zero, each record puts the pair elsewhere: that is not a drift."""
 
     def identified(seed: int) -> list[Row]:
         rows = []

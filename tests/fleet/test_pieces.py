@@ -40,11 +40,11 @@ WORDS: dict[Any, Any] = {
 
 
 @every("got, expected", WORDS.items())
-def test_words(got: Any, expected: Any) -> None:
+def test_texts_are_as_expected(got: Any, expected: Any) -> None:
     assert got == expected
 
 
-def test_an_executor_that_is_none() -> None:
+def test_an_invalid_executor_is_refused() -> None:
     with pytest.raises(InvalidArgumentError, match="is not an executor"):
         parsed("processes:none")
 
@@ -56,7 +56,7 @@ def test_a_digest_tells_options_files_and_rigs_apart() -> None:
 
 
 def test_the_tasks_with_the_most_work_are_first() -> None:
-    """Else the last worker would be alone with the largest one."""
+    """Otherwise the largest task could be the last, and one worker would finish alone."""
     sizes = [100, 3, 40, 500, 7]
     rigs = [Rig(str(k), (Piece("a.csv", "a.csv", size=1_000_000 * size, modified=0),)) for k, size in enumerate(sizes)]
     works = [sum(map(work_of, task)) for task in planned(rigs)]
@@ -70,7 +70,7 @@ def test_a_rig_is_printed_without_its_files() -> None:
     assert repr(Rig("a", (PIECE,))) == "Rig(name='a')"
 
 
-def test_rigs_of_a_folder(tmp_path: Path) -> None:
+def test_the_logs_of_a_folder_are_its_rigs(tmp_path: Path) -> None:
     for name in ("b.csv", "a.csv", "notes.md"):
         (tmp_path / name).write_text("t,u,y")
     assert [rig.name for rig in find_rigs(tmp_path, by="file")] == ["a.csv", "b.csv"]
@@ -83,13 +83,13 @@ def test_tasks_are_of_equal_work() -> None:
     assert [rig.name for rig in tasks[0]] == ["000", "001"]
 
 
-def test_work_in_this_thread_and_in_others() -> None:
+def test_tasks_give_the_same_results_in_this_thread_and_in_others() -> None:
     for where in (None, "threads:2"):
         with workers(where) as found:
             assert sorted(carried_out(found, abs, [-1, -2])) == [(0, 1), (1, 2)]
 
 
-def test_what_is_usual_in_spite_of_strangers() -> None:
+def test_location_and_spread_are_robust_to_outliers() -> None:
     rng = np.random.default_rng(0)
     x = rng.normal(5.0, 2.0, (500, 1)) + rng.normal(0.0, 1.0, (500, 1))
     x[:20] = 100.0

@@ -67,7 +67,9 @@ def test_a_run_is_one_pass_over_each_log(tmp_path: Path) -> None:
     assert [g.dc_gain for g in model.transfer_functions] == pytest.approx([2.0, 2.5], rel=0.05)
 
 
-def test_what_is_done_stays_done_and_bytes_do_not_tell_where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finished_rigs_are_kept_and_bytes_do_not_depend_on_the_executor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for k in range(3):
         two_inputs(tmp_path / "logs" / f"{k}.csv", k)
     fitted(tmp_path / "logs", tmp_path / "whole", executor="threads:2")
@@ -142,5 +144,5 @@ def test_a_mistake_is_named(tmp_path: Path, words: str, given: dict[str, object]
 
 
 def test_a_job_of_one_input_has_the_digest_that_it_had() -> None:
-    """Else a fleet that was begun before would be done again."""
+    """Otherwise the finished rigs of older versions would be identified again."""
     assert "input='u', output='y', structure=Structure(poles=2, " in repr(Job("u", "y", rp.Structure(2)))

@@ -80,7 +80,7 @@ def test_a_setting_that_cannot_be_run_is_a_trial_with_its_problem() -> None:
         (3, ArgumentTypeError, "a function or a grid of settings, got int"),
     ],
 )
-def test_grids_that_are_none_are_refused(grid: object, error: type, says: str) -> None:
+def test_invalid_grids_are_refused(grid: object, error: type, says: str) -> None:
     with pytest.raises(error, match=says):
         rp.fleet.sweep(grid, [])
 

@@ -1,4 +1,4 @@
-"""What is noted of a record while it is read batch by batch is what NumPy finds in the whole of it."""
+"""The movement of a record, computed in batches, equals NumPy's on the whole record."""
 
 from __future__ import annotations
 

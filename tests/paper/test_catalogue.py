@@ -1,4 +1,4 @@
-"""What can be reproduced by name, and how much work is announced for it."""
+"""The names that can be reproduced, and the announced number of runs."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Measures, figures and words of the article's reproduction."""
+"""Measures, figures and texts of the article's reproduction."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from replant.paper.rendering import _listed, _short, typeset
 from replant.paper.tables import TABLES, Cell, Plant, reproduce, run_seeds, thin
 
 
-def test_measures_of_a_course() -> None:
+def test_the_measures_of_a_short_estimate_are_right() -> None:
     found = measure(np.zeros(1), np.array([[1.0], [3.0], [2.1], [2.0]]), {"a0": 2.0}, dt=0.5)
     assert found["J"] == {"a0": pytest.approx(2.0**2 + 1.0**2 + 1.0**2 + 0.1**2)}
     assert (found["error"], found["settled"]) == ({"a0": 0.0}, {"a0": 1.5})
 
 
-def test_the_rig_of_table_6() -> None:
+def test_the_record_is_that_of_the_rig_of_table_6() -> None:
     record = measure_rig(1000)
     assert (record.y.size, record.true["a1"]) == (1000, 5891.0)
 
@@ -28,13 +28,13 @@ def test_a_signal_is_drawn_with_its_extremes() -> None:
     assert thin(np.array([0.0, 9.0, 1.0, 2.0, -5.0, 3.0, 4.0, 5.0]), points=4).tolist() == [0, 1, 4, 7]
 
 
-def test_curves_of_a_figure() -> None:
+def test_a_figure_has_a_curve_for_each_label_and_parameter() -> None:
     curves = compute(FIGURES["fig4"])
     assert list(curves) == ["without bias", "with bias"]
     assert list(curves["with bias"]) == ["a0", "b0", "bias"]
 
 
-def test_numbers_in_five_characters() -> None:
+def test_numbers_are_short() -> None:
     numbers = (-0.001, 6.406, -101.76, 2.79e12, -math.inf, None)
     assert [_short(value) for value in numbers] == ["0.00", "6.41", "-102", "2.79e12", "none", "never"]
     assert _listed({"a1": -0.00123, "a0": 102.4}) == "a1 0.0012 %, a0 102 %"
@@ -46,13 +46,13 @@ def test_text_of_the_terminal_is_typeset() -> None:
     )
 
 
-def test_figures_beside_the_published_ones() -> None:
+def test_figures_are_compared_with_the_published_ones() -> None:
     assert Cell("J_a0", ours=5186.3, published=5.19e3).verdict == "equal"
     assert Cell("J_a0", ours=2165.0, published=2.14e3, std=29.0).verdict == "within 3 std"
     assert reproduce(TABLES["table2"])["AMSGrad, amplitude 0.1"]["J_b0"].verdict == "equal"
 
 
-def test_an_experiment() -> None:
+def test_an_experiment_gives_the_published_indices() -> None:
     plant = Plant(num=(1.25,), den=(1.0, 0.5), dt=1e-3, duration=10.0, period=1.25)
     assert (plant.samples, plant.true) == (10000, {"a0": 0.5, "b0": 1.25})
     (indices,) = run_seeds(TABLES["table1"].row("Gradient, no buffer").experiment, [0])

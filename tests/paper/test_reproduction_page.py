@@ -1,4 +1,4 @@
-"""The page of everything: each table's numbers, each figure once, nothing from elsewhere; and the demo's report."""
+"""The page of the whole reproduction: each table's numbers, each figure once, no external files; the demo's report."""
 
 import html
 import re

@@ -10,7 +10,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def shown(figure: object) -> dict[str, object]:
-    """Return what a notebook gets of the object with which a cell ends."""
+    """Return a notebook's output for the object at the end of a cell."""
     from IPython.core.interactiveshell import InteractiveShell
 
     shell = InteractiveShell()
@@ -26,5 +26,5 @@ def test_a_notebook_shows_what_figures_and_plot_return() -> None:
 
 
 def test_a_figure_of_matplotlib_alone_is_not_shown() -> None:
-    """Else `blank_figure` would have nothing to add."""
+    """Otherwise `blank_figure` would be unnecessary."""
     assert "image/png" not in shown(Figure())

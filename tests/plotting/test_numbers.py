@@ -1,4 +1,4 @@
-"""Numbers and formulas as a person writes them."""
+"""Numbers and formulas are written as by a person."""
 
 import math
 import re
@@ -48,7 +48,7 @@ def written(math: str) -> str:
         (rp.TransferFunction([-1.5e-7], [1.0, 2e8]), "G(s)=−1.5×10−7s+2×108"),
     ],
 )
-def test_formula(model: rp.TransferFunction, text: str) -> None:
+def test_a_transfer_function_becomes_its_formula(model: rp.TransferFunction, text: str) -> None:
     assert written(mathml(model)) == text
 
 
@@ -151,7 +151,7 @@ def test_a_number_at_the_terminal_is_short_whatever_its_size(value: float) -> No
         (mapped_label("u", "identity"), "u"),
     ],
 )
-def test_as_a_person_writes_it(written: str, text: str) -> None:
+def test_numbers_are_written_as_by_a_person(written: str, text: str) -> None:
     assert written == text
 
 

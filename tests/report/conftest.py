@@ -38,7 +38,7 @@ def identify(u: np.ndarray, y: np.ndarray, **request: Any) -> Result:
 
 
 def without_covariance(result: Result) -> Result:
-    """Return the result as of an estimator that does not tell how sure it is."""
+    """Return the result without its covariance, as of an estimator that has none."""
     assert result.history is not None
     history = dataclasses.replace(result.history, std=None)
     return dataclasses.replace(with_model(result, covariance=None), history=history)
@@ -69,7 +69,7 @@ class Case:
 
 @pytest.fixture(scope="session")
 def plain() -> Case:
-    """A good model of a record without surprises, nothing known of its uncertainty."""
+    """A good model of a clean record, without uncertainty."""
     u = steps(4000)
     y = PLANT.simulate(u, DT) + 0.02 * np.random.default_rng(2).standard_normal(u.size)
     return Case(without_covariance(identify(u, y)), as_log(u, y))
@@ -130,7 +130,7 @@ BAD: dict[str, Callable[[], Case]] = {
     params=[pytest.param(name, marks=() if name in ("diverged", "empty") else pytest.mark.slow) for name in BAD],
 )
 def bad(request: pytest.FixtureRequest) -> tuple[str, Case]:
-    """Every way in which a record or a run goes wrong."""
+    """Results of all kinds of faulty records and runs."""
     return request.param, BAD[request.param]()
 
 

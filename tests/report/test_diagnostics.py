@@ -1,4 +1,4 @@
-"""Residual correlations stay within their limits when they should, and excitation is what it is said to be."""
+"""Correlations of white residuals keep within their limits, and the excitation equals its definition."""
 
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ def test_a_residual_that_follows_the_input_is_found_out() -> None:
         (np.zeros(0), np.zeros(0)),
     ],
 )
-def test_nothing_to_correlate(e: np.ndarray, u: np.ndarray) -> None:
+def test_a_constant_or_missing_signal_has_no_correlation(e: np.ndarray, u: np.ndarray) -> None:
     assert correlations(e, u, lags=10) is None
 
 

@@ -133,7 +133,7 @@ def test_transients_are_banded_by_two_standard_deviations(uncertain) -> None:
         assert outline[:, 1].min() == pytest.approx(low.min())
 
 
-def test_poles_and_zeros(plain, uncertain) -> None:
+def test_poles_and_zeros_are_those_of_the_model(plain, uncertain) -> None:
     for case in (plain, uncertain):
         axis = draw_poles_and_zeros(case.result)
         drawn = curves(axis)
@@ -195,7 +195,7 @@ def test_bode_holds_the_response_and_its_band(uncertain) -> None:
     assert outline[:, 1].max() == pytest.approx((magnitude + 2 * 20 / math.log(10) * relative).max())
 
 
-def test_correlations_with_both_limits(plain) -> None:
+def test_correlations_are_drawn_with_both_limits(plain) -> None:
     residual = plain.log.output - plain.result.simulation.output
     found = correlations(residual, plain.log.input, 50)
     left, right = draw_correlations(found, plain.log.dt)
@@ -230,7 +230,7 @@ def test_the_spectrum_of_coloured_noise_and_of_its_model() -> None:
     assert not draw_spectrum(None, residual[:20], 0.1).lines
 
 
-def test_excitation_over_time() -> None:
+def test_excitation_is_drawn_over_time() -> None:
     found = excitation(np.random.default_rng(0).standard_normal((4000, 2)))
     top, bottom = draw_excitation(found, 0.05)
     np.testing.assert_allclose(top.lines[0].get_xydata(), np.column_stack([found.samples * 0.05, found.smallest]))

@@ -1,4 +1,4 @@
-"""What the report says, without a browser: everything needed to trust or distrust the model, the bad news first."""
+"""The report's contents, without a browser: all that is needed to trust or distrust the model, bad news first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said of a result, and how it stands on a page and at a terminal."""
+"""Texts about a result, on a page and at a terminal."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ MOVED = "a coefficient has moved by 2.6 %"
         ),
     ],
 )
-def test_it_is_said_in_these_words(said: object, text: object) -> None:
+def test_texts_are_as_expected(said: object, text: object) -> None:
     assert said == text
 
 
-def test_a_record_lasts_by_its_clock() -> None:
+def test_the_duration_of_a_record_comes_from_its_clock() -> None:
     signal = np.zeros(3)
     log = rp.Log(signal, signal, 0.5, np.array([0.0, 0.5, 9.5]), "u", "y", Path("log.csv"))
     assert lasts(log) == "10 s on an irregular clock, usually at 0.5 s"

@@ -1,4 +1,4 @@
-"""The worker that computes for the page: what goes wrong there is told here, and its death ends nothing else."""
+"""The worker process of the page: its errors are reported here, and its death ends nothing else."""
 
 from __future__ import annotations
 

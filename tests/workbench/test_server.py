@@ -1,4 +1,4 @@
-"""What the server of the workbench lets others do, keeps, and answers to mistakes."""
+"""The workbench's server: access control, saved sessions, and answers to mistakes."""
 
 from __future__ import annotations
 
@@ -220,7 +220,7 @@ def test_a_damaged_session_is_refused_in_one_line(damage: str) -> None:
 
 
 def test_a_session_says_what_to_fit_and_not_what_to_run(motor: Path) -> None:
-    """The words of a command are made from columns and orders: a file cannot name another command or option."""
+    """The arguments of a command are made from columns and orders: a file cannot name another command or option."""
     with client(motor) as page:
         page.is_read()
         page.do("role", log="log1", column="b", role="output")

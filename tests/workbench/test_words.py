@@ -1,4 +1,4 @@
-"""What a user chooses as words: command lines, titles, stretches of time, and where a reason can be seen."""
+"""The user's choices as text: command lines, titles, stretches of time, and the plots that show reasons."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ COMMAND = ("/logs/motor.csv", "-i", "u", "-o", "y", "-p", "2", "--leave-out", "1
         (place_of("the input could explain another 12 % of the output's power over the last 40 s").plot, "cross"),
     ],
 )
-def test_it_reads_as_it_is_typed(found: object, expected: object) -> None:
+def test_commands_titles_and_texts_are_as_expected(found: object, expected: object) -> None:
     assert found == expected
 
 
-def test_a_sensor_that_stands_still_is_doubted() -> None:
+def test_a_stuck_sensor_is_listed_as_doubtful() -> None:
     t = np.arange(400.0)
     y = np.where((t >= 100) & (t < 160), 5.0, np.sin(t))
     assert doubts(t, np.cos(t), y) == [Doubt(100.0, 160.0, "the output stays at 5 while the input moves")]

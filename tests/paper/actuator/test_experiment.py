@@ -1,4 +1,4 @@
-"""The actuator experiment: every number of its table recomputed by hand, and what the full record comes to."""
+"""The actuator experiment: every number of its table recomputed independently, and results on the full record."""
 
 import itertools
 

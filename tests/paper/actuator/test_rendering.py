@@ -1,4 +1,4 @@
-"""What a person and a program get to read of the actuator experiment."""
+"""The output of the actuator experiment for people and programs."""
 
 import io
 import json

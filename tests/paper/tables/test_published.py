@@ -1,4 +1,4 @@
-"""The article's tables: the published figures come out."""
+"""The article's tables: the published figures are reproduced."""
 
 import dataclasses
 import math
@@ -69,7 +69,7 @@ def test_the_claimed_improvement_does_not_follow_from_the_table(results):
 
 
 def test_other_readings_of_the_settings_miss_the_figures():
-    """The notes say that the figures come out with one reading: not with the other that the text allows."""
+    """By the notes one reading reproduces the figures; the other reading of the text does not."""
     adjusted, bias = TABLES["table3"].row("adjusted"), TABLES["table4"].row("with")
     for row, scaling in [
         (adjusted, Scaling(0.25, (2e-3, 4e-4, 6e-4, 1e-4))),  # the printed list in Appendix A's order

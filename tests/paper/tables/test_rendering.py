@@ -1,4 +1,4 @@
-"""What a person and a program get to read."""
+"""The output of the tables for people and programs."""
 
 import io
 import json
