@@ -164,6 +164,13 @@ def test_an_unstable_model_is_validated_by_its_prediction() -> None:
     assert plant.poles[0] == 1.0
 
 
+@pytest.mark.parametrize("parameters", [[0.0, 0.0, 1e306], [4.0, 3.0, 1e306]])
+def test_a_model_whose_output_leaves_float64_is_inconsistent(parameters: list[float]) -> None:
+    verdict = rp.Model(rp.Structure(2), parameters, DT).validate(*record(0)).verdict
+    assert verdict.status == "inconsistent"
+    assert verdict.reasons[0].startswith("the model's signals leave float64")
+
+
 def test_too_short_a_record_is_refused(model: rp.Model) -> None:
     with pytest.raises(rp.InvalidArgumentError, match="4 usable samples, a validation needs 5"):
         model.validate(np.arange(4.0), np.arange(4.0))

@@ -191,7 +191,7 @@ def _verdict(
     dt: float, stuck: int, *, regular: bool,
 ) -> Verdict:  # fmt: skip
     """Return the verdict on the model by the rows of a record whose input is known."""
-    rows = np.isfinite(v) & np.isfinite(modelled)
+    rows = np.isfinite(v) & (np.isfinite(y) | np.isfinite(modelled))  # a model may leave float64
     intervals = np.array([dt]) if regular and rows.all() else np.diff(clock[rows], prepend=clock[rows][:1] - dt)
     measured, level = np.isfinite(y[rows]), float(y[np.isfinite(y)].mean())
     # the constant beside G(s) is estimated from the record: its mean keeps the numbers small

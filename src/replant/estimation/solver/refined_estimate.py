@@ -119,6 +119,7 @@ class Root:
     converged: bool  # the last step was short: a third of a standard deviation
     ends: bool  # it was, or the last steps no longer lowered the cost
     filters: bool = True  # the model was found with the noise model as a filter
+    at_bend: bool = False  # no step lowers the cost, as where a pole lies on the axis
 
     @property
     def relative_misfit(self) -> float:

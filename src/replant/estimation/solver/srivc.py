@@ -181,7 +181,7 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     estimate, other = problem.conclude(plain), problem.conclude(root)
     if estimate is None or other is None:
         return estimate or other
-    if not root.converged and plain.converged and problem.is_stable(plain.model):
+    if not (root.converged or root.at_bend) and plain.converged and problem.is_stable(plain.model):
         return estimate
     chance = chance_of(problem.structure, problem.whole, estimate, other)
     if chance < FALSE_ALARM and (near := _likelier_near(problem, root, plain)) is not None:

@@ -281,7 +281,8 @@ class Problem:
             return None
         settled, moved = max(renewals, default=0), math.inf
         costs: list[float] = []  # of the steps since the noise model was last renewed
-        stuck, halved = False, 0  # whether no step lowers the last of them
+        stuck, halved = False, 0  # whether no step lowers the cost
+        is_own = False  # whether the noise model is that of this very model
 
         def cost(tried: FloatArray, done: Pass) -> float:
             is_allowed = math.isfinite(done.cost) and (not stable or self.is_stable(tried))
@@ -291,8 +292,9 @@ class Problem:
             if self.is_rounding(done):
                 moved = 0.0
                 break
-            if step in renewals:
+            if step in renewals or stuck:  # with another noise model a step may lower the cost
                 self.renew_noise(done)
+                stuck, is_own = False, True
             zeta, white = self.whiten(done.zeta), self.whiten(done.error)
             variance = max(sum_of_squares(white) / self.record.count, 1e-300)
             own, better = self.misfit(done), None
@@ -314,8 +316,11 @@ class Problem:
                 if better is not None:
                     break
             if better is None:
-                stuck = step > settled
-                break
+                stuck, halved = True, 0
+                if is_own or step > settled:
+                    break
+                continue
+            is_own = False
             model, done, halved = better
             if moved < STILL and step >= settled:
                 break
@@ -327,8 +332,10 @@ class Problem:
         variance = sum_of_squares(white) / self.record.count
         converged = moved <= NEARLY_DONE
         # without a reference the cost has a bend where a pole crosses the axis, and steps go to and fro about it
-        ends = converged or (self.projection is None and (stuck or _stalls(costs, NEARLY_DONE * variance)))
-        return Root(model, done, self.noise, variance, self.misfit(done), converged, ends)
+        stalls = self.projection is None and _stalls(costs, NEARLY_DONE * variance)
+        at_bend = self.projection is None and stuck
+        ends = converged or stalls or (at_bend and step > settled)
+        return Root(model, done, self.noise, variance, self.misfit(done), converged, ends, at_bend=at_bend)
 
 
 def is_long_enough(structure: Structure, record: Record) -> bool:
