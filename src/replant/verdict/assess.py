@@ -1,16 +1,16 @@
-"""The evidence for a verdict: of a record, of an identifier that keeps raw samples, of one that keeps sums alone.
+"""The verdicts on a record, on an identifier that keeps raw samples, and on one that keeps running sums alone.
 
-| an identifier that keeps too few samples to test its estimate on: question | from |
+| question, of an identifier that keeps too few samples to test its estimate | answered by |
 |---|---|
-| does the input move | its moving variance, beside the largest that it has been |
-| does it excite every coefficient | the information that the recursion keeps, nuisances eliminated |
+| does the input move | its moving variance, relative to the largest so far |
+| does it excite every coefficient | the information matrix of the recursion, nuisances eliminated |
 | does the model follow the output | the moving mean square of the a-priori error, beside the variance of the output |
 | is the estimate certain | its covariance, by power and colour of the residual |
-| does it stand still | the past estimates that are kept |
-| does the structure hold | the verdict on the start-up, whose samples were there |
+| has it converged | the past estimates that are kept |
+| is the structure right | the verdict on the start-up, made while its samples were kept |
 | have residual or sensor changed | the CUSUM test, ties, missing outputs |
 
-What only samples tell is not checked, and that is said.
+What needs samples is not checked, and the verdict says so.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ from replant.verdict.sensor_and_excitation import (
 )
 from replant.verdict.verdict import Assessment, Finding, conclude, duration, percent
 
-MOST_SAMPLES = 50_000  # samples of a record that the verdict looks at, the newest of them [samples]
-MOST_IRREGULAR = 5000  # the same where each interval costs a discretisation of its own [samples]
+MOST_SAMPLES = 50_000  # newest samples of a record that the verdict uses [samples]
+MOST_IRREGULAR = 5000  # the same if each interval needs its own discretisation [samples]
 NO_SAMPLE = Assessment("converging", ("no sample yet",))
 NOT_CHECKED = (
     "history={}: too few raw samples are kept to solve the record again, and to check what else the input explains, "
@@ -85,10 +85,10 @@ def assess_record(
     usual_interval: float | None = None,
     **noticed: Any,  # fields of `Evidence`
 ) -> Assessment:
-    """Return the verdict on a model by a record: in sample, unless the model has not seen it."""
+    """Return the verdict on a model by a record; in sample, unless the record is ``unseen`` by the model."""
     irregular = record.intervals.size > 1
     rest = 0 if record.u.size <= MOST_SAMPLES else record.u.size - moving(record.u)
-    rest = rest if rest > MOST_SAMPLES // 2 else 0  # of a long rest half of what is looked at is enough
+    rest = rest if rest > MOST_SAMPLES // 2 else 0  # a long rest may take half of the samples used, no more
     end = min(record.u.size - rest + MOST_SAMPLES // 2, record.u.size)
     looked_at = record.first(end).last(MOST_SAMPLES).answering(structure.delay)
     evidence = Evidence(
@@ -113,7 +113,7 @@ def assess_record(
 
 
 def assess_running(state: State, settings: Settings, history: int) -> Assessment:
-    """Return the verdict on an estimate in use that keeps at most so many raw samples."""
+    """Return the verdict on a running estimate; ``history``: the most raw samples that are kept."""
     if state.samples == 0:
         return NO_SAMPLE
     if history < FEWEST_JUDGED:
@@ -154,7 +154,7 @@ def assess_starting(
 
 @quiet
 def evidence_of(state: State, settings: Settings) -> Evidence:
-    """Return the evidence for a verdict that a state holds."""
+    """Return the evidence for a verdict from a state."""
     from replant.kernels.monitoring import outliers
 
     dt, origin, samples = settings.dt, state.record_began, state.samples
@@ -164,7 +164,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     in_use, intervals = _in_use(raw, state), raw.interval[-max(samples - origin, 1) :][1:]
     kept = in_use.since_last_gap(dt)
     record, is_well = kept.without_stuck().record(dt, settings.filter.input_hold, parted=True), _is_well(kept)
-    if is_well and kept.is_stuck.any():  # what is over is left out, and said
+    if is_well and kept.is_stuck.any():  # outputs of a past fault are left out, and the verdict says so
         record = replace(record, measured=record.is_measured & ~kept.is_stuck)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
     record = record.answering(settings.structure.delay)
@@ -192,7 +192,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
 
 
 def _of_solution(state: State, settings: Settings) -> Evidence:
-    """Return the evidence of a record that has ended, and was solved as a whole: that of `fit`."""
+    """Return the evidence of a record that has ended and was solved as a whole, as by `fit`."""
     structure, kept = settings.structure, RecentSamples.of(state, STORED)
     solved = kept.with_output(np.where(kept.is_bridged, kept.bridged, kept.output))
     record = solved.record(settings.dt, settings.filter.input_hold, parted=True)
@@ -219,7 +219,7 @@ def _of_solution(state: State, settings: Settings) -> Evidence:
 
 
 def _of_state(state: State, settings: Settings, record: Record) -> Evidence:
-    """Return the evidence of an estimate in use by a record, without what the monitoring has noticed."""
+    """Return the evidence of a running estimate and a record, without the findings of the monitoring."""
     size, known = settings.structure.size, covariance(state, settings)
     learned, earlier = earlier_estimate(state, size)
     return Evidence(
@@ -244,32 +244,32 @@ def _of_state(state: State, settings: Settings, record: Record) -> Evidence:
 
 
 def judged(state: State, dt: float) -> BoolArray:
-    """Return which of the raw samples kept (K,) the verdict uses: those since the last interruption, not bridged."""
+    """Return which raw samples kept (K,) the verdict uses: since the last interruption, neither bridged nor stuck."""
     kept = RecentSamples.of(state)
     used = kept if state.finished_at == state.samples else _in_use(kept, state).since_last_gap(dt)
     return np.asarray((np.arange(len(kept)) >= len(kept) - len(used)) & ~(kept.is_bridged | kept.is_stuck))
 
 
 def _in_use(kept: RecentSamples, state: State) -> RecentSamples:
-    """Return the raw samples since the record began anew, at least the newest one."""
+    """Return the raw samples since the record began or was interrupted, at least the newest one."""
     return kept[-max(state.samples - max(state.record_began, state.gap_at), 1) :]
 
 
 def _is_well(kept: RecentSamples) -> bool:
-    """Return whether a sensor that was stuck has shown since that it is well."""
+    """Return whether a sensor that was stuck has since worked for as long, with outputs on both sides of the fault."""
     from replant.kernels.monitoring import outliers
 
     stuck = np.flatnonzero(kept.is_stuck)
     if not stuck.size:
         return True
     held, given = kept.output[stuck], kept.output[~kept.is_stuck]
-    # with no outputs beyond, an end of its scale may be there, where it is stuck again as soon as the output comes near
+    # without outputs beyond, the value may be an end of the scale, and the sensor sticks again when the output is near
     has_lasted = len(kept) - 1 - stuck[-1] >= max(outliers.CALM, stuck[-1] - stuck[0])
     return bool(has_lasted and (given < held.min()).any() and (given > held.max()).any())
 
 
 def _missing(kept: RecentSamples) -> int:
-    """Return how many of the newest raw samples in a row came without an output."""
+    """Return the number of newest raw samples in a row without an output."""
     if not kept.are_examined:
         return 0
     there = np.flatnonzero(kept.doubt != Doubt.MISSING)
@@ -277,7 +277,7 @@ def _missing(kept: RecentSamples) -> int:
 
 
 def earlier_estimate(state: State, size: int) -> tuple[int, FloatArray]:
-    """Return the oldest past estimate (P,) and how many samples it has learned; the present one if it is no older."""
+    """Return the oldest past estimate (P,) and the samples it has learned; the present one if none is older."""
     learned, estimate = state.learned, state.theta
     kept = state.past[: min(state.past_kept, PAST)]
     oldest = kept[np.argmin(kept[:, 0])] if len(kept) else np.array([np.inf])
@@ -288,12 +288,12 @@ def earlier_estimate(state: State, size: int) -> tuple[int, FloatArray]:
 
 @quiet
 def assess_sums(state: State, settings: Settings, history: int) -> Assessment:
-    """Return the verdict by sums."""
+    """Return the verdict by running sums, for an identifier that keeps too few raw samples."""
     if not (state.examines_output and settings.instruments):
         return Assessment("converging", (NO_SUMS.format(history),), samples=0)
     sums, size, poles = state.sums, settings.structure.coefficients, settings.structure.poles
     fit = math.nan
-    if sums.output_power > 0.0:  # with the refined filter that of a simulation
+    if sums.output_power > 0.0:  # with the refined filter the error is that of a simulation
         fit = 100.0 * (1.0 - math.sqrt(sums.error_power / sums.output_power))
     known, estimate = covariance(state, settings)[:size, :size], state.physical[:size]
     sizes = real_coefficients(estimate[:poles], 1.0 / max(state.elapsed, settings.dt))
@@ -329,7 +329,7 @@ def assess_sums(state: State, settings: Settings, history: int) -> Assessment:
 
 
 def _condition(state: State, size: int) -> float:
-    """Return the condition number of the scaled instruments as `excitation` does, by their information."""
+    """Return the condition number of the scaled instruments, as in `excitation`, from their information matrix."""
     information = inverse_of(compose(*state.factors)[:size, :size])
     scale = np.sqrt(np.diag(information))
     values = eigenvalues(information / np.outer(scale, scale))
@@ -342,12 +342,12 @@ def _of_input(state: State) -> list[Finding]:
     if state.input_power < LEAST_POWER * state.largest_power:
         part = percent(state.input_power / state.largest_power)
         reason = f"the input hardly moves any more: its variance is {part} of its largest so far"
-        return [Finding("trusted", reason)]  # the sums are those of when it moved
+        return [Finding("trusted", reason)]  # the sums are from the time when it moved
     return []
 
 
 def _of_monitoring(state: State, settings: Settings) -> list[Finding]:
-    """Return what the monitoring says of updates, start-up, sensor and residual."""
+    """Return the findings of the monitoring on updates, start-up, sensor and residual."""
     from replant.kernels.monitoring import outliers
 
     findings = [Finding("diverged", REFUSED)] if state.refused else []

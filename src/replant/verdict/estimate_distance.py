@@ -1,21 +1,21 @@
-r"""The distance from an estimate to that which samples give, by one Gauss-Newton step, and how well abs G is known.
+r"""The distance from an estimate to that of given samples, by one Gauss-Newton step, and the uncertainty of abs G.
 
 The step :math:`(\sum \zeta\zeta^T)^{-1} \sum \zeta e`, slopes and residual filtered by the noise model, is that of
-refined instrumental variables at the estimate: it is zero for an estimate made from the same record.  Filtered, the
-residual is independent of the slopes under feedback, too.  The step's covariance takes the colour that is left into
-account.  A significant step means that noise has biased the estimate, that the estimate is frozen while the plant
-changes, or that it lags.
+refined instrumental variables at the estimate: it is zero for an estimate made from the same record.  The filtered
+residual is independent of the slopes, also under feedback.  The step's covariance allows for the remaining colour.  A
+significant step means that noise has biased the estimate, that the estimate is frozen while the plant changes, or that
+it lags.
 
-A coefficient may be known well and abs G badly, or the other way round; whoever uses the model uses G.  After a
-change of the plant a new model is made from few samples.  It is trusted where three standard deviations of abs G fit
-into the error that a trusted model may have.  The relative standard deviation of abs G at a frequency follows from the
-covariance of the coefficients by the delta method.  Where an alarm ended and no other model was found, the samples
-since must be able to tell such an error: the standard deviation is then that of an estimate from them alone.  The
-excited frequencies are those at which :math:`|G|^2` times the input's power density, the power density of the model's
-output, is at least a hundredth of its largest: a tenth of the amplitude.
+A coefficient may be known well and abs G badly, or the other way round; the users of a model use G.  After a change of
+the plant a new model is made from few samples.  It is trusted if three standard deviations of abs G fit into the error
+that a trusted model may have.  The relative standard deviation of abs G at a frequency follows from the covariance of
+the coefficients by the delta method.  If an alarm ended and no other model was found, the samples since then must
+suffice to detect such an error: two standard deviations of an estimate from them alone must fit into it.  The excited
+frequencies are those at which :math:`|G|^2` times the input's power density, the power density of the model's output,
+is at least a hundredth of its largest: a tenth of the amplitude.
 
-The second test finds a change of the plant that the residual over a long record hides: the step that the newest samples
-alone ask for, of several lengths, and what it makes of abs G.
+The second test finds a change of the plant that the residual of a long record hides.  It takes the step from the newest
+samples alone, for several numbers of them, and its effect on abs G.
 
 Sources: Soderstrom and Stoica (1983), "Instrumental Variable Methods for System Identification", chapter 4; Ljung
 (1999), "System Identification: Theory for the User", sections 9.4 and 6.4 (Welch's spectrum).
@@ -39,40 +39,40 @@ from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.verdict import Finding, duration, percent
 
 RANK_TOLERANCE = 1e-14  # eigenvalue below which a direction is not there: fifty times float64's [part of the largest]
-FEWEST_STRETCHES, MOST_STRETCHES = 4, 8  # earlier stretches that tell the scatter of steps, by their median [count]
-LARGEST_ERROR = math.sqrt(MATTERS)  # of abs G, with which a model is trusted after a change [part of abs G]
-SIGMAS = 3.0  # of abs G that must fit into it: at 99.7 % [standard deviations]
+FEWEST_STRETCHES, MOST_STRETCHES = 4, 8  # earlier stretches whose median gives the scatter of steps [count]
+LARGEST_ERROR = math.sqrt(MATTERS)  # error of abs G up to which a model is trusted after a change [part of abs G]
+SIGMAS = 3.0  # deviations of abs G that must fit into `LARGEST_ERROR`, for 99.7 % [standard deviations]
 EXCITED = MATTERS  # density of the output's power below which a frequency is not excited [part of the largest]
 SEGMENT = 1024  # length of a segment of Welch's spectrum [samples]
-SLOWEST = 0.1  # lowest frequency added below the spectrum's: abs G is that at rest [part of the slowest pole]
-SLOW_FREQUENCIES = 8  # frequencies that are added below the spectrum's [count]
-LENGTHS = (1, 2, 4, 8, 16)  # of the newest samples: a change may be of any age [numbers of samples that say something]
-CONTRADICTS = 0.5 * LARGEST_ERROR  # part of abs G by which the newest samples must contradict it [part of abs G]
-CONTRADICTS_SIGMAS = 2.0  # the same, at 95 %, where all coefficients together are significant [standard deviations]
+SLOWEST = 0.1  # lowest frequency added below the spectrum; abs G is then the static gain [part of the slowest pole]
+SLOW_FREQUENCIES = 8  # frequencies added below the spectrum [count]
+LENGTHS = (1, 2, 4, 8, 16)  # numbers of newest samples, as a change may be of any age [samples that a test needs]
+CONTRADICTS = 0.5 * LARGEST_ERROR  # difference of abs G by the newest samples that is a contradiction [part of abs G]
+CONTRADICTS_SIGMAS = 2.0  # its margin, for 95 %, where all coefficients together are significant [standard deviations]
 
 
 @dataclass(frozen=True)
 class Distance:
-    """The distance from an estimate to the estimate that a record gives, to first order."""
+    """The distance from an estimate to the estimate of a record, to first order."""
 
     step: FloatArray  # (n + m + 1,)
     statistic: float  # over its limit: above 1 the step is significant
-    covariance: FloatArray  # of an estimate from this record alone, the residual's colour taken into account
+    covariance: FloatArray  # of an estimate from this record alone, with allowance for the residual's colour
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The step by instruments Z from slopes zeta and an error e, all whitened and free of nuisances, scaled to one."""
+    """The step (Z' zeta)^-1 Z' e; Z, slopes zeta and error e whitened, without nuisances, columns of length one."""
 
     instruments: FloatArray  # (K, n)
     inverse: FloatArray  # (n, n): (Z' zeta)^-1
     step: FloatArray  # (n,)
-    left: FloatArray  # (K,): of the error
-    lengths: FloatArray  # (n,): of the slopes as they were
+    left: FloatArray  # (K,): error after the step
+    lengths: FloatArray  # (n,): lengths of the slopes before scaling
 
     @classmethod
     def of(cls, zeta: FloatArray, error: FloatArray, by_reference: FloatArray | None, nuisances: FloatArray) -> Step:
-        """Return the step of slopes (K, n) and an error (K,), by the slopes or those of a reference."""
+        """Return the step of slopes (K, n) and an error (K,); the instruments are ``by_reference`` or the slopes."""
         lengths = lengths_of(zeta)
         zeta = instruments = zeta / lengths
         if by_reference is None:
@@ -86,7 +86,7 @@ class Step:
         return cls(instruments, inverse, step, error - np.einsum("ij,j->i", zeta, step), lengths)
 
     def spread(self, columns: FloatArray) -> FloatArray:
-        """Return the step's covariance (n, n) where its instruments, coloured as the residual, are these columns."""
+        """Return the step's covariance (n, n) over the noise's variance; columns: instruments coloured as the noise."""
         return np.asarray(self.inverse @ products(columns, columns) @ self.inverse.T)
 
     def surprise(self, covariance: FloatArray) -> float:
@@ -94,7 +94,7 @@ class Step:
         return float(self.step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ self.step)
 
     def distance(self, square: float, limit: float, covariance: FloatArray) -> Distance:
-        """Return the distance in the coefficients' units; of a surprise that is not finite it is sure."""
+        """Return the distance in the coefficients' units; it is significant if ``square`` is NaN."""
         statistic = math.inf if math.isnan(square) else square / limit
         return Distance(self.step / self.lengths, statistic, covariance / np.outer(self.lengths, self.lengths))
 
@@ -102,12 +102,12 @@ class Step:
 def distance(
     run: ModelRun, rows: slice, past: IntArray, used: BoolArray, false_alarm: float, *, closed: bool = False
 ) -> Distance:
-    """Return the Gauss-Newton step from an estimate towards the one that some rows (K,) give, with its significance."""
-    # past: how many used samples come before each in a row, up to LAGS
+    """Return the Gauss-Newton step from an estimate towards that of some rows (K,), with its significance."""
+    # past: number of used samples in a row before each, up to LAGS
     nuisances = np.hstack([run.nuisances[rows], np.ones((used.size, 1))])
     zeta, error = run.zeta[rows], run.error[rows]
-    # In a loop the noise model is that of the residual itself: there the slopes explain much of what a load makes of
-    # it, so that the rest has another colour.  Instruments from a reference are right whatever the filter is.
+    # In a closed loop the noise model is that of the residual itself: the slopes would explain much of a load's effect,
+    # and the rest has another colour.  Instruments from a reference are right with any filter.
     taken = nuisances if closed or run.instruments is not None else np.hstack([zeta, nuisances])
     left = np.zeros(used.size)
     left[used] = without(error[used, None], taken[used])[:, 0]
@@ -131,12 +131,12 @@ def distance(
 def newest_distances(
     run: ModelRun, past: IntArray, used: BoolArray, counts: Iterable[int], false_alarm: float
 ) -> Iterator[tuple[int, Distance]]:
-    """Yield the Gauss-Newton step that the newest samples alone ask of an estimate, for each number of them.
+    """Yield the Gauss-Newton step from an estimate by the newest samples alone, for each of ``counts``.
 
-    A few samples do not tell the colour of their own residual: coloured noise would be taken for a change.  So colour
-    and power are those of the residual over the whole run (generalised least squares).  Slow noise makes steps scatter
-    more than this says: by how much is measured on earlier stretches as long.  (The scatter of the estimate's path is
-    no measure of it: the path moves after a change, which would so excuse itself.)
+    A few samples do not determine the colour of their own residual: coloured noise would be taken for a change.  So
+    colour and power are those of the residual over the whole run (generalised least squares).  Slow noise makes steps
+    scatter more than this predicts; the factor is measured on earlier stretches of the same length.  (The scatter of
+    the estimate's path does not measure it: the path moves after a change, which would then hide itself.)
     """
     error = np.where(used, run.error - run.error[used].mean(), 0.0)
     noise = Autoregression.of_residual(error, past, int(used.sum()))
@@ -175,14 +175,14 @@ def newest_distances(
 
 
 def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray, alone: FloatArray) -> list[Finding]:
-    """Say where abs G is not known well enough, and where the newest samples contradict it."""
+    """Return findings if abs G is not known well enough, or the newest samples contradict it."""
     omega = excited_frequencies(evidence)
     worst = _worst_gain(evidence, covariance, omega)
     findings = [] if evidence.in_sample else _contradiction(evidence, runs, omega)
     if evidence.after_change and not SIGMAS * worst <= LARGEST_ERROR:
         reason = f"since the plant has changed abs G is known to {percent(worst)} only (standard deviation)"
         findings.append(Finding("converging", f"{reason}, at a frequency that the input excites"))
-    if evidence.after_alarm:  # what raised it may have been a change that the offset and initial state hide
+    if evidence.after_alarm:  # its cause may have been a change that the offset and initial state hide
         worst = _worst_gain(evidence, alone, excited_frequencies(evidence, slowest=True))
         if not CONTRADICTS_SIGMAS * worst <= LARGEST_ERROR:
             reason = "the residual is as usual again, but the samples since tell abs G"
@@ -200,7 +200,7 @@ def excited_frequencies(evidence: Evidence, *, slowest: bool = False) -> FloatAr
     """Return the frequencies (F,), in rad/s, that the input excites."""
     omega, density = _input_spectrum(evidence)
     lowest = SLOWEST * max(float(np.abs(evidence.poles).min()), 0.0 if slowest else 1.0 / evidence.record.span)
-    # a record shorter than the slowest mode does not resolve the lowest ones: the density there is that of the lowest
+    # a record shorter than the slowest mode does not resolve these: their density is taken from the lowest resolved
     if 0.0 < lowest < omega[0]:
         below = np.geomspace(lowest, omega[0], SLOW_FREQUENCIES, endpoint=False)
         omega, density = np.concatenate([below, omega]), np.concatenate([np.full(below.size, density[0]), density])
@@ -209,7 +209,7 @@ def excited_frequencies(evidence: Evidence, *, slowest: bool = False) -> FloatAr
 
 
 def output_spectrum(evidence: Evidence) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies (F,), in rad/s, that the record resolves, and how much of the model's output lies there (F,).
+    """Return frequencies (F,), in rad/s, that the record resolves, and the parts (F,) of the model's output power.
 
     The sum of the parts is one.
     """
@@ -219,13 +219,13 @@ def output_spectrum(evidence: Evidence) -> tuple[FloatArray, FloatArray]:
 
 
 def output_frequency(evidence: Evidence) -> float:
-    """Return the mean frequency, in rad/s, of the power of the model's output, as far as the record resolves it."""
+    """Return the mean frequency, in rad/s, of the power of the model's output, over the resolved frequencies."""
     omega, parts = output_spectrum(evidence)
     return float(omega @ parts)
 
 
 def _input_spectrum(evidence: Evidence) -> tuple[FloatArray, FloatArray]:
-    """Return the frequencies (F,) that the record resolves, in rad/s, and Welch's density of the input (F,) there."""
+    """Return the frequencies (F,), in rad/s, that the record resolves, and Welch's density (F,) of the input."""
     u, size = evidence.record.u, min(evidence.record.u.size, SEGMENT)
     segments = np.lib.stride_tricks.sliding_window_view(u, size)[:: max(size // 2, 1)]
     segments = (segments - segments.mean(axis=1, keepdims=True)) * np.hanning(size + 1)[:size]
@@ -234,7 +234,7 @@ def _input_spectrum(evidence: Evidence) -> tuple[FloatArray, FloatArray]:
 
 
 def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Finding]:
-    """Say whether the newest samples alone would put abs G elsewhere, and over which length it is most."""
+    """Return a finding if the newest samples alone contradict abs G, for the number of them that does most."""
     present, surest, size, length = _magnitude(evidence, evidence.estimate, omega), 0.0, 0.0, 0
     counts = sorted({evidence.held_out, *(evidence.enough * times for times in LENGTHS)} - {0})
     whole = slice(0, evidence.samples)

@@ -1,4 +1,4 @@
-"""Tests of the estimate: its uncertainty, its movement, and its distance from the estimate that the samples give."""
+"""Tests of the estimate: its uncertainty, its movement, and its distance from the estimate of the samples."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.verdict import Assessment, Finding, figure, percent
 
 MOST_UNCERTAIN = 0.15
-"""Standard deviation of a coefficient of the denominator beyond which it is not known yet: the 95 % interval is then
-wider than a third either way [part of its size].
+"""Standard deviation of a coefficient of the denominator above which it is not known yet: the 95 % interval is then
+wider than +-30 % [part of its size].
 Origin: a choice of what a user may rely on.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 MOST_UNCERTAIN_IN_LOOP = 0.06
-"""The same where the loop is closed, as it is found or as a reference says: a controller is tuned by the model, and
-disturbances that it fights make errors of coefficients that go together [part of its size].
-Origin: of the loops of the accuracy family those in which one coefficient in ten is a tenth off have 0.07 and more,
-those whose error is below 4 % at the best have 0.046 and less.
+"""The same if the loop is closed, by the test for feedback or by a reference: a controller is tuned by the model, and
+the disturbances that it rejects cause correlated errors of coefficients [part of its size].
+Origin: in the loops of the accuracy family it is 0.07 and more where one coefficient in ten has an error of a tenth,
+and 0.046 and less where the error is below 4 % at best.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-MOST_SCATTER = math.sqrt(MATTERS)  # rms that the estimate's own error makes, at most [part of the output's]
-# up to which the model is known whatever a coefficient is [part of the output's]
+MOST_SCATTER = math.sqrt(MATTERS)  # largest rms of the output's error by the estimate's error [part of the output's]
+# the same, up to which the model is known though a coefficient is not [part of the output's]
 MINOR_SCATTER = math.sqrt(0.5 * MATTERS)
-# of field records' estimates 2.9 times as much at the most, and half as much at the least
-FIRST_ORDER = 3.0  # by how many times an estimate may scatter more, or less, than its covariance says [ratio]
+# on field records estimates scatter between 0.5 and 2.9 times as much
+FIRST_ORDER = 3.0  # factor by which an estimate may scatter more, or less, than its covariance predicts [ratio]
 MOST_MOVED = math.sqrt(MATTERS)  # movement of a coefficient below which the estimate stands still [part of its size]
-MOVED_SIGMAS = 4.0  # movement of a coefficient that is no chance: 6e-5 of a normal deviate [standard deviations]
+MOVED_SIGMAS = 4.0  # significant movement of a coefficient: 6e-5 for a normal deviate [standard deviations]
 SLOW = 3.0  # scatter of the path from which on slow noise is named as the reason [standard deviations by its colour]
 MENTIONED = 0.01 * MOST_MOVED  # uncertainty below which slow noise is not named: rounding is slow [part of the size]
-IMPROVED = 1.0 - MOST_MOVED  # of the power that an earlier estimate left: less by as much as one must move [ratio]
-FARTHEST = 0.5 * math.sqrt(MATTERS)  # distance from what the samples give that is of no account [part of the size]
-SUSPECT = 0.05  # chance of a distance by chance, of an estimate that noise biases: how much is asked [probability]
-INTEGRATOR_SIGMAS = 3.0  # distance from the origin below which a pole may be an integrator's [standard deviations]
+IMPROVED = 1.0 - MOST_MOVED  # residual power over that of an earlier estimate below which it is better [ratio]
+FARTHEST = 0.5 * math.sqrt(MATTERS)  # largest negligible distance from the samples' estimate [part of the size]
+SUSPECT = 0.05  # false-alarm level of the distance of an estimate without instruments, likely biased [probability]
+INTEGRATOR_SIGMAS = 3.0  # distance from the origin below which a pole may be an integrator [standard deviations]
 
 # steps that would cross the bound are halved ten times
-AT_BOUND = 1e-3  # distance from the fastest pole that is looked for within which one lies at it [part of it]
+AT_BOUND = 1e-3  # distance from the bound of the poles within which a pole counts as at the bound [part of the bound]
 
-LEAST_LONGER = 1.1  # by how much more of the same is asked for, at the least: rounded it may be none [ratio]
+LEAST_LONGER = 1.1  # least factor by which a longer record is asked for; it is rounded to two digits [ratio]
 LONGER = re.compile(r"(?:(?:record|repeat it) [\w. ]+? times(?: as long)?|take more samples), (?:or )?")  # see `longer`
 
 
@@ -64,8 +64,8 @@ class Certainty:
     figures: dict[str, float]  # "uncertainty", "movement" and "distance"
     improves: bool  # whether the estimate moved, and explains the newest samples better than the earlier one
     findings: list[Finding]
-    # by how much the output of the estimate that the noise model gives of the same samples differs, where that is no
-    # chance, as a part of the output's amplitude
+    # significant difference of the modelled output from that of the estimate with the noise model as a filter, from the
+    # same samples, as a part of the output's amplitude
     disagreement: float = 0.0
 
     @classmethod
@@ -86,7 +86,7 @@ class Certainty:
         sigmas = float((np.abs(step) / np.maximum(std, np.finfo(float).tiny)).max())
         distance = runs.size(away.step, speeds.poles)
         errors = runs.now.error, runs.old.error
-        if by_reference is not None:  # the rest is the disturbances', which may drift
+        if by_reference is not None:  # the rest comes from disturbances, which may drift
             errors = one_step(errors[0]), one_step(errors[1])
         left = float(np.var(errors[0][evidence.newest])), float(np.var(errors[1][evidence.newest]))
         improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
@@ -102,7 +102,7 @@ class Certainty:
             "uncertainty": uncertainty if cancelled is None else math.inf, "movement": sigmas, "distance": distance
         }  # fmt: skip
         more = "" if evidence.finished else "take more samples"
-        # where the input rests for most of the record, more rest tells nothing
+        # if the input rests for most of the record, a longer rest does not help
         times = "repeat it {} times" if evidence.moving < evidence.samples / 2 else "record {} times as long"
         findings = uncertainty_findings(
             uncertainty, most, math.inf if closed else scatter, cancelled, slow, more, times
@@ -111,7 +111,7 @@ class Certainty:
             reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
             reason += f": {more or longer(scatter, MOST_SCATTER, times)}, or move the input more"
             findings.append(Finding("converging", reason))
-        moves = float(np.std(runs.now.forced - runs.old.forced))  # what the movement makes of the modelled output
+        moves = float(np.std(runs.now.forced - runs.old.forced))  # effect of the movement on the modelled output
         if cancelled is None or moves > MINOR_SCATTER * float(np.std(runs.now.forced)):
             findings += movement_findings(moved, sigmas, evidence.span, improves=improves)
         if cancelled is None and surprise > 1.0 and distance > FARTHEST and not is_apart:
@@ -122,16 +122,16 @@ class Certainty:
 
 @dataclass(frozen=True, eq=False)
 class Speeds:
-    """How fast the poles are, by which errors of the denominator are judged.
+    """The speeds of the poles, which scale errors of the denominator.
 
-    A pole slower than the record is long counts as one just as long.  Where the loop is closed, the controller and not
-    a slow pole decides what the output does: where a pole may be an integrator's, every pole counts by its distance
-    from where the output moves, j output, which makes of an error of A(s) that of A(j output).
+    A pole whose time constant exceeds the record's duration counts as one of that duration.  In a closed loop the
+    controller, not a slow pole, determines the output.  If a pole may be an integrator, each pole counts by its
+    distance from j ``output``: an error of A(s) is then scaled as one of A(j output).
     """
 
-    poles: FloatArray  # (n,): what each counts as, in rad/s
-    output: float = 0.0  # how fast the output moves: its rms frequency by a reference, else the mean of the model's
-    integrators: int = 0  # how many poles count as that fast
+    poles: FloatArray  # (n,): speed at which each counts, in rad/s
+    output: float = 0.0  # frequency of the output in rad/s: its rms by a reference, else the mean of the model's
+    integrators: int = 0  # number of poles that count as ``output``
 
     @classmethod
     def of(cls, evidence: Evidence, closed: bool, by_reference: FloatArray | None = None) -> Speeds:
@@ -152,7 +152,7 @@ class Speeds:
         return cls(np.maximum(sizes, least), output, int(may.sum()))
 
     def moved(self, signals: FloatArray, dt: float) -> FloatArray:
-        """Return signals (K, ...) without what integrators make drift: each is filtered by s/(s + output)."""
+        """Return signals (K, ...) without the drift of integrators: filtered by s/(s + output) for each of them."""
         if not self.integrators:
             return signals
         from replant.kernels.filters.autoregressions import all_pole
@@ -165,7 +165,7 @@ class Speeds:
 
 
 def _fastest(evidence: Evidence) -> list[Finding]:
-    """Say that a pole lies at the bound of the search; no obstacle to trust where the other poles are known."""
+    """Return a finding if a pole lies at the bound of the search; it prevents trust only if all poles do."""
     beyond = np.abs(evidence.poles) * evidence.dt >= FASTEST * (1.0 - AT_BOUND)
     if not beyond.any():
         return []
@@ -174,7 +174,7 @@ def _fastest(evidence: Evidence) -> list[Finding]:
 
 
 def slow_noise(evidence: Evidence, uncertainty: float) -> str:
-    """Return, in brackets, that the uncertainty is made by noise which no autoregression describes."""
+    """Return a remark, in brackets, if slow noise that no autoregression describes causes the uncertainty; else ""."""
     if evidence.slowness < SLOW or uncertainty < MENTIONED:
         return ""
     return " (because the residual varies slowly: the output drifts, or the plant is slightly nonlinear)"
@@ -185,14 +185,14 @@ def _scatter(
 ) -> float:
     """Return the standard deviation of the modelled output by the estimate's error, over that of the output."""
     slopes, output = runs.now.zeta, runs.now.forced
-    if len(evidence.record.joined.parts) > 1:  # what states behind gaps explain is no output of the input's
+    if len(evidence.record.joined.parts) > 1:  # the states after gaps explain output that the input does not cause
         b = evidence.structure.numerator
         output = combined(slopes[:, b], evidence.estimate[b])
     if by_reference is not None and runs.now.instruments is not None:
         slopes, output = runs.now.instruments, by_reference
     signals = np.column_stack([slopes, output, runs.now.nuisances])
     moved = speeds.moved(signals, evidence.dt)[evidence.known][evidence.used[evidence.known]]
-    count = slopes.shape[1] + 1  # what follows, offset and initial state, is estimated with each model
+    count = slopes.shape[1] + 1  # the columns after these, offset and initial state, are estimated with each model
     left = without(moved[:, :count], np.column_stack([moved[:, count:], np.ones(len(moved))]))
     made = float(np.trace(covariance @ products(left[:, :-1], left[:, :-1])))
     size = sum_of_squares(left[:, -1])
@@ -200,20 +200,20 @@ def _scatter(
 
 
 def _is_in_doubt(evidence: Evidence, scatter: float) -> bool:
-    """Return whether the estimate of a whole record may scatter by too much, or not, beyond first order."""
-    # where the input answers the noise, another noise would have made another input
+    """Return whether the scatter of a solved record's estimate is too near to its limit for a first-order result."""
+    # with feedback another noise would have made another input, which resampling does not reproduce
     if not evidence.is_solved or evidence.filtered is None or evidence.record.r is not None or evidence.diverging_pole:
         return False
     return MOST_SCATTER / FIRST_ORDER < scatter < MOST_SCATTER * FIRST_ORDER
 
 
 def longer(uncertainty: float, most: float, times: str) -> str:
-    """Return in words how much of the same another record has to hold: a standard deviation falls as 1/sqrt(N)."""
+    """Return in words how much longer a record has to be: a standard deviation falls as 1/sqrt(N)."""
     return times.format(figure(max((uncertainty / most) ** 2, LEAST_LONGER)))
 
 
 def without_longer(verdict: Assessment) -> Assessment:
-    """Return a verdict that does not ask for more of the same, where that would not help."""
+    """Return a verdict without the advice to record longer, for cases where that would not help."""
     return replace(verdict, reasons=tuple(LONGER.sub("", reason) for reason in verdict.reasons))
 
 
@@ -221,7 +221,7 @@ def uncertainty_findings(
     uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str, more: str,
     times: str = "",
 ) -> list[Finding]:  # fmt: skip
-    """Say where a coefficient is not known well; no obstacle to trust where what the model does is known."""
+    """Return a finding if a coefficient is not known well; it does not prevent trust if the modelled output is."""
     if uncertainty <= most and cancelled is None:
         return []
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
@@ -241,7 +241,7 @@ def uncertainty_findings(
 
 
 def movement_findings(moved: float, sigmas: float, span: str, *, improves: bool = False) -> list[Finding]:
-    """Say where the estimate has moved by more than matters, and not by chance."""
+    """Return a finding if the estimate has moved by more than matters, and not by chance."""
     if not (moved > MOST_MOVED and (sigmas > MOVED_SIGMAS or improves)):
         return []
     reason = f"a coefficient has moved by {percent(moved)} over {span} ({figure(sigmas)} standard deviations)"
@@ -252,17 +252,17 @@ def _surprise(evidence: Evidence, away: Distance, known: FloatArray) -> float:
     """Return the statistic of a distance over its limit."""
     if not (evidence.in_sample and evidence.instruments):
         return away.statistic
-    # of two estimates of the same samples, without noise model and with, the difference scatters no more than the first
+    # the difference of two estimates of the same samples, without noise model and with, scatters no more than the first
     square = float(away.step @ inverse_of(known) @ away.step)  # NaN where that is singular
     return min(away.statistic, square / chi2_quantile(1.0 - ALPHA, away.step.size))
 
 
 def _apart(runs: Runs, step: FloatArray) -> float:
-    """Return by how much a step of the coefficients changes the modelled output, as a part of its amplitude."""
+    """Return the change of the modelled output by a step of the coefficients, as a part of its amplitude."""
     output = float(runs.now.forced.std())
     return (
         float(np.std(combined(runs.now.zeta, step))) / output if output > 0.0 else 0.0
-    )  # nothing explained: said elsewhere
+    )  # an output of zero has a finding elsewhere
 
 
 def _of_distance(evidence: Evidence, distance: float) -> Finding:

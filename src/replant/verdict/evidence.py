@@ -21,8 +21,8 @@ from replant.numerics.robust import usual_step
 from replant.verdict.verdict import duration
 
 FEWEST = 100  # samples held out below which one column explains as much as MATTERS by chance [samples]
-LEAST_POWER = 0.01 * MATTERS  # variance of the newest input below which it rests [part of the largest it has been]
-RESTED = 2500  # rest after which it is noted whether the model is trusted: half of the way between reviews [samples]
+LEAST_POWER = 0.01 * MATTERS  # variance of the newest input below which it rests [part of its largest so far]
+RESTED = 2500  # rest after which the status of the model is noted: half of the time between reviews [samples]
 CONSTANT = "the input is constant: move it"
 STANDS_STILL = "the output is constant over {} while the input moves"  # {}: for how long
 COPY_OF = (
@@ -31,18 +31,18 @@ COPY_OF = (
 )  # {}: its name, if any
 COPY = COPY_OF.format("")
 RESTING = 1e-12  # movement that is rounding of float64, some thousand times its precision [part of the largest value]
-ROUNDING = 1e-6  # what is rounding of a log: its numbers have six digits and more [part of a signal]
-UNSTABLE_SIGMAS = 3.0  # of a pole right of the axis, where an integrator's may be by chance [standard deviations]
+ROUNDING = 1e-6  # rounding of a log, whose numbers have at least six digits [part of a signal]
+UNSTABLE_SIGMAS = 3.0  # distance of an unstable pole from the axis: an integrator's varies [standard deviations]
 
 
 def is_constant(u: FloatArray) -> bool:
-    """Return whether an input (K,) moves by rounding at the most."""
+    """Return whether an input (K,) is constant, except for rounding."""
     return u.size > 0 and float(np.ptp(u)) <= RESTING * float(np.abs(u).max())
 
 
 @quiet
 def is_copy(u: FloatArray, y: FloatArray) -> bool:
-    """Return whether an output (K,) is the input (K,), perhaps in another unit and about another zero."""
+    """Return whether an output (K,) is the input (K,), perhaps with another scale and offset."""
     if u.size < FEWEST or is_constant(u) or is_constant(y):
         return False
     u, y = ((each - each.mean()) / np.ptp(each) for each in (u, y))
@@ -52,7 +52,7 @@ def is_copy(u: FloatArray, y: FloatArray) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The estimates and samples (W) that a verdict is made from, and what was noticed about them online."""
+    """The estimates and samples (W) for a verdict, and the findings of the online monitoring about them."""
 
     structure: Structure
     dt: float  # nominal sampling time in s
@@ -67,30 +67,30 @@ class Evidence:
     adapts: bool = True  # False where the user froze the estimate
     instruments: bool = True  # False where noise biases the estimate
     follows: bool = False  # whether the estimate follows a plant that changes: the newest samples alone test it
-    largest_power: float = 0.0  # largest moving variance that the input has had; 0 where it is not known
-    usual_interval: float = 0.0  # median time between samples in s, gaps included; 0 where there are no time stamps
+    largest_power: float = 0.0  # largest moving variance of the input so far; 0 if not known
+    usual_interval: float = 0.0  # median interval in s, gaps included; 0 if not known
     filtered: bool | None = None  # whether the estimate was found with its noise model as a filter; None: not known
-    disagreement: float = 0.0  # difference of two estimates of the record that a right structure makes equal
-    usual_power: float = 0.0  # variance of the residual that the monitoring takes for usual; 0 where there is none
+    disagreement: float = 0.0  # difference of two estimates of the record, which are equal for a right structure
+    usual_power: float = 0.0  # usual variance of the residual since the noise has grown; 0 if it has not
     grown: int = 0  # samples since the residual began to exceed its usual size beyond chance; else 0
     after_change: bool = False  # whether the estimate was begun anew, or revised, after a change that it remembers
     begun_anew: int = 0  # samples since a change of the plant that the estimate has followed
-    plant_change: PlantChange | None = None  # that no one model explains the record
+    plant_change: PlantChange | None = None  # change found in the record, which no single model explains
     # of a record solved as a whole
-    loads: tuple[float, ...] = ()  # since when other loads act, in s after its first sample
-    undecided: bool = False  # whether it is not told what has changed; of loads: whether they act
-    after_alarm: bool = False  # whether the record begins where an alarm ended, and nothing is believed to have changed
+    loads: tuple[float, ...] = ()  # times at which new loads begin to act, in s after its first sample
+    undecided: bool = False  # whether it is unknown what has changed; with loads: whether they act
+    after_alarm: bool = False  # whether the record begins where an alarm ended without a detected change
     trusted_before: bool = False  # whether the model was trusted when the input came to rest, and no alarm came since
-    since_trusted: int = 0  # samples since that was last known
+    since_trusted: int = 0  # samples since ``trusted_before`` was noted
     finished: bool = False  # whether the record has ended, and the estimate was then made from all of it
     missing: int = 0  # newest samples in a row that came without an output
     stuck: bool = False  # whether the sensor is stuck or saturated, or was just now
-    left_out: int = 0  # outputs without which estimate and verdict are made, as the sensor was stuck or at its limit
-    input_zero: float = 0.0  # the record's input where that of the actuator is zero
-    slowness: float = 1.0  # standard deviation of the estimate over that which the residual's power and colour predict
+    left_out: int = 0  # outputs left out of estimate and verdict, as the sensor was stuck or at its limit
+    input_zero: float = 0.0  # value of the record's input at which the actuator's is zero
+    slowness: float = 1.0  # standard deviation of the estimate over that predicted by the residual's power and colour
     output_unit: float = 1.0  # unit of the record's output, in the user's unit
-    measured: FloatArray | None = None  # (W,): the output as the sensor gave it; None where it is the record's
-    bridged: BoolArray | None = None  # (W,): samples whose output is the model's, as it is in doubt: not tested on
+    measured: FloatArray | None = None  # (W,): the output as the sensor gave it; None if it is the record's
+    bridged: BoolArray | None = None  # (W,): samples not tested, as their doubtful output was replaced by the model's
 
     def in_own_units(self) -> Evidence:
         """Return the same evidence scaled to about one by powers of two, so that squares fit into float64."""
@@ -119,13 +119,13 @@ class Evidence:
         )
 
     def as_whole(self) -> Evidence:
-        """Return the same evidence with nothing held out: every sample tests the present estimate."""
+        """Return the same evidence with no sample held out: all samples test the present estimate."""
         learned = self.learned + self.unseen
         return replace(self, earlier=self.estimate, unseen=0, learned=learned, in_sample=True)
 
     @property
     def is_solved(self) -> bool:
-        """Whether the estimate is the solution of just these samples."""
+        """Whether the estimate is a solution, with instruments, of a record that has ended."""
         return self.finished and self.instruments
 
     @property
@@ -139,15 +139,15 @@ class Evidence:
         return self.record.is_measured if self.bridged is None else self.record.is_measured & ~self.bridged
 
     def tested(self, error: FloatArray) -> FloatArray:
-        """Return an error (W,), NaN where no test uses the sample."""
+        """Return an error (W,) with NaN at samples that no test uses."""
         return np.where(self.used, error, np.nan)
 
     def past_of(self, rows: slice) -> IntArray:
-        """Return how many used samples in a row of some rows come before each of these, up to LAGS."""
+        """Return the number of used samples in a row before each of some rows, up to LAGS."""
         return self._predecessors(rows, self.used)
 
     def unbroken_of(self, rows: slice) -> IntArray:
-        """Return the same where samples that are not used count, too: as many as came a sampling time apart."""
+        """Return the number of samples in a row before each of some rows, used or not, up to LAGS."""
         return self._predecessors(rows, None)
 
     def _predecessors(self, rows: slice, used: BoolArray | None) -> IntArray:
@@ -156,17 +156,17 @@ class Evidence:
 
     @property
     def past(self) -> IntArray:
-        """The same of the samples that the estimate should explain."""
+        """`past_of` the samples that the estimate should explain."""
         return self.past_of(self.known)
 
     @property
     def coefficients(self) -> int:
-        """How many coefficients G(s) has."""
+        """Number of coefficients of G(s)."""
         return self.structure.coefficients
 
     @property
     def samples(self) -> int:
-        """How many samples there are."""
+        """Number of samples, W."""
         return self.record.u.size
 
     @cached_property
@@ -176,11 +176,11 @@ class Evidence:
 
     @property
     def modes(self) -> tuple[UncertainMode, ...]:
-        """The estimate's poles with their uncertainty; none where no covariance is known."""
+        """The estimate's poles with their uncertainty; empty without a covariance."""
         return () if self.covariance is None else self.uncertainty(self.covariance).first_order_modes
 
     def uncertainty(self, covariance: FloatArray) -> Uncertainty:
-        """Return the uncertainty of the estimate's G(s) alone, without a bias, by a covariance (n + m + 1, ..)."""
+        """Return the uncertainty of the estimate's G(s), without the bias, by a covariance (n + m + 1, ..)."""
         size = self.coefficients
         return Uncertainty(replace(self.structure, bias=False), self.estimate[:size], covariance[:size, :size])
 
@@ -192,7 +192,7 @@ class Evidence:
 
     @property
     def unstable_pole(self) -> float:
-        """The same if that is sure: in feedback an integrator's may seem to grow by chance."""
+        """`diverging_pole` if an unstable pole is significant, or no covariance is known; else 0 (integrators vary)."""
         pole = self.diverging_pole
         if not pole:
             return 0.0
@@ -203,22 +203,22 @@ class Evidence:
 
     @property
     def enough(self) -> int:
-        """How many samples a test needs."""
+        """Number of samples that a test needs."""
         return max(FEWEST, PER_COEFFICIENT * self.coefficients)
 
     @property
     def counted(self) -> int:
-        """Samples that count for whether there are enough: of a whole record those that wait for a dead time, too."""
+        """Samples to compare with ``enough``; in sample, those during the first dead time count, too."""
         return self.record.joined.u.size if self.in_sample else self.samples
 
     @property
     def is_young(self) -> bool:
-        """Whether too few samples came since the earlier estimate to test it on."""
+        """Whether there are too few samples since the earlier estimate to test it."""
         return not self.in_sample and self.unseen < self.enough
 
     @property
     def held_out(self) -> int:
-        """How many of the newest samples the earlier estimate is tested on; 0 for all."""
+        """Number of newest samples that test the earlier estimate; 0 for all."""
         return 0 if self.in_sample or self.is_young else self.unseen
 
     @property
@@ -228,13 +228,13 @@ class Evidence:
 
     @property
     def was_trusted(self) -> bool:
-        """Whether the model was trusted when the input came to rest, and it has rested since."""
+        """Whether the model was trusted when the input came to rest, and the input has rested since."""
         rested = self.samples - self.moving
         return self.trusted_before and (not self.moving or rested >= self.since_trusted + RESTED)
 
     @property
     def newest(self) -> slice:
-        """The samples that the earlier estimate is tested on."""
+        """The samples that test the earlier estimate."""
         return slice(self.samples - self.held_out, self.samples) if self.held_out else slice(0, self.samples)
 
     @property
@@ -243,24 +243,24 @@ class Evidence:
         return self.newest if self.follows else slice(0, self.samples)
 
     def seconds(self, samples: int) -> float:
-        """Return how long the newest ``samples`` lasted, in s, without the rest that was put before the log."""
+        """Return the duration of the newest ``samples`` in s, without the rest that was added before the log."""
         intervals, samples = self.record.intervals, min(samples, max(self.samples - self.record.rest, 1))
         return float(intervals[0]) * samples if intervals.size == 1 else float(intervals[-samples:].sum())
 
     @property
     def span(self) -> str:
-        """In words, how long the samples last that the earlier estimate is tested on."""
+        """The time span of the samples that test the earlier estimate, in words."""
         return f"the last {self.age}"
 
     @property
     def age(self) -> str:
-        """In words, how long ago the earlier estimate was made."""
+        """The age of the earlier estimate, in words."""
         return duration(self.seconds(self.held_out or self.samples))
 
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """The earlier and the present estimate, each run over the samples."""
+    """The model runs of the earlier and the present estimate over the samples."""
 
     old: ModelRun
     now: ModelRun
@@ -269,7 +269,7 @@ class Runs:
 
     @classmethod
     def of(cls, evidence: Evidence, by_reference: FloatArray | None = None) -> Runs | None:
-        """Run both estimates; None where a signal leaves float64; ``by_reference`` (K, 2) as for `run_model`."""
+        """Run both estimates; None if a signal exceeds float64; ``by_reference`` (K, 2) as for `run_model`."""
         old = now = run_model(evidence.structure, evidence.earlier, evidence.record, evidence.dt, by_reference)
         if not np.array_equal(evidence.earlier, evidence.estimate):
             now = run_model(evidence.structure, evidence.estimate, evidence.record, evidence.dt, by_reference)
@@ -279,17 +279,17 @@ class Runs:
         return cls(old, now, error - error.mean(), float(np.var(evidence.record.y[evidence.newest])))
 
     def size(self, step: FloatArray, speeds: FloatArray) -> float:
-        """Return the relative size of a step (n,) or (n + m + 1,) of the coefficients; ``speeds`` (n,) of the poles.
+        """Return the largest relative size of a step (n,) or (n + m + 1,) of coefficients; ``speeds`` (n,) of poles.
 
-        Of a_i abs(step) over the coefficient of prod(s + speed), the size of a_i if all poles were real; of b_j half of
-        the output that the step makes, over the output.
+        For a_i: abs(step) over the coefficient of prod(s + speed), the size of a_i if all poles were real.  For b_j:
+        half of the standard deviation of the output by the step, over that of the output.
         """
         n = self.now.structure.poles
         return relative_size(step, speeds, self.now.zeta[:, n:], self.now.forced)
 
 
 def relative_size(step: FloatArray, speeds: FloatArray, slopes: FloatArray, output: FloatArray) -> float:
-    """Return the relative size of a step, see `Runs.size`, of slopes (K, m + 1) by b_m .. b_0 and an output (K,)."""
+    """Return the size of a step, see `Runs.size`, given the slopes (K, m + 1) by b_m .. b_0 and the output (K,)."""
     n, made_of = speeds.size, float(output.std())
     largest = float((np.abs(step[:n]) / np.poly(-speeds)[1:]).max())
     if step.size == n or not made_of > 0.0:
@@ -299,19 +299,19 @@ def relative_size(step: FloatArray, speeds: FloatArray, slopes: FloatArray, outp
 
 
 def rounding_of(modelled: FloatArray, output: FloatArray) -> float:
-    """Return the standard deviation below which a residual is rounding, of which nothing can be told."""
-    # a sensor's rounding follows from the input's past, but is white where the noise is four tenths of a step, and both
-    # together half of one
+    """Return the standard deviation below which a residual is rounding, which carries no information."""
+    # the rounding of a sensor depends on past inputs, but is white if the noise is 0.4 steps: both together are half a
+    # step
     return max(ROUNDING * float(modelled.std()), 0.5 * usual_step(output))
 
 
 def moving(u: FloatArray, power: float = 0.0) -> int:
-    """Return how many samples (K,) come before an input stays within a hundredth of its amplitude."""
+    """Return the number of samples before an input (K,) stays at its last value, within 1 % of its amplitude."""
     far = np.flatnonzero(np.abs(u - u[-1]) > math.sqrt(LEAST_POWER * max(power, float(np.var(u)))))
     return int(far[-1]) + 1 if far.size else 0
 
 
 def _power_of_two(signal: FloatArray) -> float:
-    """Return the largest power of two not above the largest magnitude of a signal; 1 for a signal that is zero."""
+    """Return the largest power of two up to the largest magnitude of a signal; 1 for a signal of zeros."""
     largest = float(np.abs(signal).max(initial=0.0))
     return 2.0 ** math.floor(math.log2(largest)) if largest > 0.0 else 1.0

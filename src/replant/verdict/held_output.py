@@ -1,13 +1,13 @@
-"""Test of an output that is held from report to report: a slow sensor, or a logger that writes what has changed.
+"""Test for an output that is held between reports: a slow sensor, or a logger that writes changes only.
 
-A sensor slower than the clock, a historian that writes a value once it has moved by a deadband, a program that repeats
-the last message: the rows between two reports repeat an output, though the plant has gone on.  To the model that is
-about half of a dead time as long as the usual interval between reports, and a stuck sensor.
+Sensors slower than the clock, historians that write a value once it has moved by a deadband, and programs that repeat
+the last message give rows that repeat an output though the plant has moved.  To the model this looks like a dead time
+of about half the usual interval between reports, and like a stuck sensor.
 
-A model is made of the reports alone, to first order.  Where the output is held, its error at a row that repeats a
-report is what the plant has moved since, and larger than that at a report; where a coarse scale gives equal outputs by
-chance it is no larger, as the model is then nearest in the middle of a run.  The ratio of both powers has Snedecor's F
-distribution if there is no difference; the errors of a run, which go together, count as one.
+A model is made of the reports alone, to first order.  If the output is held, its error in a row that repeats a report
+contains the movement of the plant since then, and is larger than at a report.  If a coarse scale gives equal outputs by
+chance, the error is no larger, as the model is then nearest in the middle of a run.  The ratio of both powers has
+Snedecor's F distribution if there is no difference; the errors of a run are correlated and count as one.
 
 Source: Ljung (1999), "System Identification: Theory for the User", section 14.2 (missing outputs).
 """
@@ -28,14 +28,14 @@ from replant.verdict.verdict import Finding, percent
 
 
 class Held(NamedTuple):
-    """What a model of the reports alone changes."""
+    """The difference that a model of the reports alone makes."""
 
-    size: float  # by how much a coefficient differs, as a part of it
-    fresh: float  # part of the rows that are new
+    size: float  # largest relative change of a coefficient
+    fresh: float  # part of the rows that are reports
 
 
 def held_output_findings(*views: tuple[Evidence, Runs]) -> list[Finding]:
-    """Say where the output is held from report to report, as a model or each input of a row sees it."""
+    """Return a finding if the output is held between reports, by the view with the largest change of a coefficient."""
     found = [each for each in (_held(*view) for view in views) if each is not None]
     if not found:
         return []
@@ -46,10 +46,10 @@ def held_output_findings(*views: tuple[Evidence, Runs]) -> list[Finding]:
 
 
 def _held(evidence: Evidence, runs: Runs) -> Held | None:
-    """Return what a model of the reports alone changes of an output that is held; None of another."""
+    """Return the difference that a model of the reports alone makes; None if the output is not held."""
     rows, run = evidence.known, runs.now
     y, used = evidence.raw[rows], evidence.used[rows]
-    used = used & (y > y[used].min()) & (y < y[used].max())  # at the end of a scale a sensor repeats itself, too
+    used = used & (y > y[used].min()) & (y < y[used].max())  # at the ends of its scale a sensor also repeats values
     repeated = np.concatenate([[False], used[1:] & used[:-1] & (y[1:] == y[:-1])])
     reports = used & ~repeated
     fresh, held = int(np.count_nonzero(reports)), int(np.count_nonzero(repeated[1:] & ~repeated[:-1]))
@@ -68,7 +68,7 @@ def _held(evidence: Evidence, runs: Runs) -> Held | None:
 def _is_larger(
     error: FloatArray, repeated: BoolArray, reports: BoolArray, held: int, freedom: int, rounding: float
 ) -> bool:
-    """Return whether an error (K,) is larger in the rows of ``held`` runs that repeat reports, beyond chance."""
+    """Return whether an error (K,) is significantly larger in ``repeated`` rows, of ``held`` runs, than in reports."""
     from scipy import special  # slow to import
 
     at_reports = max(sum_of_squares(error[reports]) / freedom, rounding**2)

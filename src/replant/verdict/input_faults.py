@@ -1,25 +1,26 @@
-"""Faults of actuator and sensor that are not linear, and of the input: another hold or dead time than was given.
+"""Nonlinear faults of actuator and sensor, and faults of the input: another hold or dead time than specified.
 
 | fault | columns of its score test |
 |---|---|
-| the actuator saturates, or has a dead zone | B/A of v^3 and v^5, v the input on a scale from -1 to 1 |
-| its gain is another one in the other direction | B/A of abs(v) |
-| it has play or friction | B/A of the play of v, of two widths: it depends on where the input came from |
-| the sensor saturates, has a dead zone or two gains | the same curves of the modelled output, behind the plant |
-| the input runs straight between its samples | the output with such an input, less that with a held one |
-| the input acts later or earlier | the derivative of the output by the dead time |
-| the input acts on its own row | the input |
-| a disturbance has its period | cosine and sine of its strongest line |
+| the actuator saturates, or has a dead zone | B/A of v^3 and v^5, v the input scaled to -1 .. 1 |
+| its gain depends on the direction | B/A of abs(v) |
+| it has play or friction | B/A of the play operator of v, for two widths |
+| the sensor saturates, has a dead zone or two gains | the same curves (without play) of the modelled output |
+| the input is linear between its samples | the output with such an input, minus that with a held one |
+| the input acts later or earlier | the derivative of the output with respect to the dead time |
+| the input acts on the output of the same row | the input |
+| a disturbance has the input's period | cosine and sine of the input's strongest spectral line |
 
-A linear model is right beside a curve only as far as that is straight.  What other dynamics could explain is taken away
-first: it is then the model that is wrong.  An input of two levels cannot tell: all curves through two points are
-straight lines.  Curves before and behind the plant compete: the one that explains most surely is named.  A signal that
-was sampled, such as a measured voltage, runs on between its samples; one that a computer puts out is held.  Taken as
-held, a smooth input acts half a sample late, and the coefficients make up for that.
+A linear model explains a curve only by its linear part.  What other dynamics could explain is projected out first: then
+the model is wrong, and no curve.  An input of two levels shows no curve, as a straight line passes through any two
+points.  Curves before and behind the plant compete: the most significant one is named.  A sampled signal, such as a
+measured voltage, varies between its samples; the output of a computer is held.  If a smooth input is taken as held, it
+acts half a sample late, and the coefficients compensate for that.
 
-With a reference all but the hold are made of what that explains of the input, beside the slopes made of the same: a
-part of the residual that it explains is no answer of a controller.  In feedback without one dead time and direct path
-are made of the past alone, and no actuator is asked for: what a load leaves of a biased model looks like its curves.
+With a reference all columns except the hold's are made of the input that the reference explains, as are the slopes: the
+part of the residual that a reference explains is no answer of a controller.  In feedback without a reference, the
+column of the dead time uses the past alone, and curves are not tested: the effect of a load on a biased model resembles
+them.
 
 Sources: Davidson and MacKinnon (1981), "Several tests for model specification in the presence of alternative
 hypotheses", Econometrica 49 (held or straight); Ljung (1999), "System Identification: Theory for the User", section 5.2
@@ -56,12 +57,13 @@ from replant.verdict.residual_tests import (
 from replant.verdict.verdict import Finding, duration, percent
 
 WIDTHS = (0.2, 0.5)  # half widths of plays: two explain most of any between 0.1 and 0.7 [part of the largest input]
-SMOOTH = 1.5  # of second over first differences: 2 of single steps, 3 of noise, w^2 of a sine of w [ratio of powers]
+# it is 2 for single steps, 3 for white noise, w^2 for a sine of w rad per sample
+SMOOTH = 1.5  # power of second over first differences below which an input is smooth [ratio of powers]
 
-FINER = 4  # frequencies between two that the record resolves: a wave is then off by at most a twentieth [count]
-CYCLES = 2  # periods within the record from which on a wave can be told from a drift [count]
+FINER = 4  # frequencies per one that the record resolves: a wave then has an error of at most a twentieth [count]
+CYCLES = 2  # periods within the record from which on a wave differs from a drift [count]
 
-# midway between half a sample, which an input that runs straight seems to act early, and a whole one
+# between half a sample, by which an input that is linear between samples seems early, and a whole one
 EARLY = 0.75  # time before its row from which on an input acts too early for any model [sampling times]
 TOO_EARLY = "move the output's column down by as much, or ask for as many zeros as poles and a direct path"
 ALONG = (
@@ -77,7 +79,7 @@ FLATTENS, DEAF = f"the sensor seems to saturate ({REMEDY})", f"the sensor seems 
 SKEWED = f"the sensor seems to have another gain in the other direction ({REMEDY})"
 
 Names = tuple[tuple[str, str], ...]
-# of odd curves, of the magnitude and of plays: what they are if they grow less than a straight line, and if more
+# for odd curves, the magnitude and plays: the fault if the curve grows less than a straight line, and if more
 OF_ACTUATOR: Names = (SATURATES, DEAD), (LOPSIDED, LOPSIDED), (LOOSE, LOOSE)
 OF_SENSOR: Names = (FLATTENS, DEAF), (SKEWED, SKEWED)  # no plays: they look like those of the actuator
 
@@ -89,12 +91,12 @@ class Bend:
     fault: str
     of_sensor: bool
     part: float  # of the output's power
-    least: float  # part from which on it is a fault: where linear columns explain more, it is the model that is wrong
+    least: float  # part from which on it is a fault: if linear columns explain more, the model is wrong instead
     statistic: float  # over its limit
 
     @property
     def findings(self) -> list[Finding]:
-        """What is said of it; nothing where it is too small."""
+        """The finding on it; none if its part is too small."""
         if not self.part > self.least:
             return []
         place = "behind" if self.of_sensor else "before"
@@ -103,29 +105,29 @@ class Bend:
 
 
 def bend_findings(acting: Acting) -> list[Finding]:
-    """Name the curve of actuator or sensor that explains a part of the residual most surely."""
+    """Return a finding on the most significant curve of actuator or sensor."""
     surest = surest_of(bends_of(acting))
     return [] if surest is None else surest.findings
 
 
 def surest_of(bends: Iterable[Bend | None]) -> Bend | None:
-    """Return the surest of some curves; None where there is none."""
+    """Return the most significant of some curves; None if there is none."""
     return max(filter(None, bends), key=lambda bend: bend.statistic, default=None)
 
 
 def bends_of(acting: Acting) -> tuple[Bend | None, Bend | None]:
-    """Return the curve of the actuator, and of the sensor, that explains most surely; None if it may be chance."""
-    if acting.loop.feedback.found and acting.loop.reference is None:  # a load that it answers may look alike
+    """Return the most significant curve of the actuator, and of the sensor; None if not significant or in feedback."""
+    if acting.loop.feedback.found and acting.loop.reference is None:  # a load that the input answers looks similar
         return None, None
     evidence, rows = acting.evidence, acting.evidence.known
     given, error, nuisances = acting.whole_input, acting.runs.now.error[rows], acting.runs.now.nuisances[rows]
-    before = given.size - evidence.samples  # all that acts comes through
+    before = given.size - evidence.samples  # earlier inputs act on the samples, too
     linear = np.hstack([acting.slopes[rows], acting.linear])
     residual = residual_of(evidence, error, np.hstack([nuisances, linear]))
     by_linear = residual_of(evidence, error, nuisances).explained(linear).power
 
     def surest(signal: FloatArray, output: FloatArray, names: Names, *, of_sensor: bool) -> Bend | None:
-        """Return the surest of the curves of a signal (K,) as a part of an output (J,)."""
+        """Return the most significant curve of a signal (K,), as a part of an output (J,)."""
         power, newest = power_of(evidence, output), signal[signal.size - evidence.samples :][rows]
         least, found = max(LARGEST_PART, by_linear / power), []
         for curves, (inward, outward) in zip(_curves(signal), names, strict=False):  # as many as there are names
@@ -143,7 +145,7 @@ def bends_of(acting: Acting) -> tuple[Bend | None, Bend | None]:
 
 
 def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
-    """Say where an input that is taken as held ran straight between its samples, or may have, and what that changes."""
+    """Return a finding if an input taken as held is linear between its samples, or may be, with the effect of that."""
     steps = np.diff(evidence.record.u)
     is_smooth = float(np.mean(np.diff(steps) ** 2)) < SMOOTH * float(np.mean(steps**2))
     if evidence.record.input_hold != "zoh" or not is_smooth:
@@ -152,13 +154,13 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     if told is None:
         return []
     found, step = told
-    # the weight of a straight input is 1, of a held one 0; `chance` is how far it may be off
+    # the weight is 1 for a straight input and 0 for a held one, within +-`chance`
     weight, chance = float(found.weights[0]), math.sqrt(chi2_quantile(1.0 - ALPHA, 1)) * found.spread
     if abs(weight) <= chance and abs(weight - 1.0) <= chance and _largest_change(evidence, step) > FARTHEST:
         reason = "the samples do not tell a held input from one that runs straight between its samples, on which"
         advice = 'if it is measured or analogue, use --input-hold foh, or RefinedFilter("foh")'
         return [Finding("trusted", f"{reason} coefficients depend: {advice}")]
-    if not (found.is_sure and weight + chance > 0.5):  # surely not held, nor surely nearer to it
+    if not (found.is_sure and weight + chance > 0.5):  # significantly not held, and not significantly nearer to held
         return []
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
     reason = "the input seems to run straight between its samples, not to be held: taken so, a coefficient differs by"
@@ -167,7 +169,7 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 
 def dead_time_findings(acting: Acting, part: Explained) -> list[Finding]:
-    """Say where another dead time would explain most of ``part``, what other dynamics could, and what that changes."""
+    """Return a finding if another dead time explains most of ``part``, which other dynamics could explain."""
     evidence, runs, loop = acting.evidence, acting.runs, acting.loop
     past = loop.feedback.found and loop.reference is None
     late = later(evidence.record, acting.output, evidence.dt, past=past)[evidence.known, None]
@@ -175,7 +177,7 @@ def dead_time_findings(acting: Acting, part: Explained) -> list[Finding]:
     if told is None:
         return []
     off = told.weight * evidence.dt
-    # a pole too few looks like a dead time, too, but leaves more for other dynamics to explain
+    # a missing pole also looks like a dead time, but leaves more for other dynamics to explain
     if loop.reference is None:
         left = unexplained(evidence, runs, feedback=loop.feedback.found, known=late)
     else:
@@ -189,15 +191,15 @@ def dead_time_findings(acting: Acting, part: Explained) -> list[Finding]:
 def timing_finding(
     subject: str, given: float, off: float, dt: float, size: float, status: str, too_early: str = TOO_EARLY
 ) -> Iterator[Finding]:
-    """Say that an input acts so many s later than by the dead time that was given, or earlier."""
+    """Yield a finding that an input acts by ``off`` s later than the dead time ``given``, or earlier if negative."""
     delay = given + off
     if delay <= -EARLY * dt:
         reason = f"{subject} seems to act {-delay:.2g} s before its row: a coefficient differs by {percent(size)}"
         yield Finding(status, f"{reason}: {too_early}")
         return
-    # in as many digits as tell it from the one given
+    # with the digits needed to distinguish it from the one given
     wanted = round(max(delay, 0.0), max(1 - math.floor(math.log10(abs(off))), 0))
-    if wanted == given:  # no dead time is shorter than none
+    if wanted == given:  # a dead time of zero cannot be shorter
         return
     reason = f"{subject} seems to act {abs(off):.2g} s {'later' if off > 0.0 else 'earlier'} than the model says"
     reason += f": with a dead time of {wanted:g} s a coefficient differs by {percent(size)}"
@@ -205,7 +207,7 @@ def timing_finding(
 
 
 def direct_findings(acting: Acting) -> list[Finding]:
-    """Say where the input acts on the output of its own row, as no controller would, and what that changes."""
+    """Return a finding if the input acts on the output of the same row, with the sign of a direct path."""
     if not acting.loop.is_direct:
         return []
     told = acting.told(acting.input[acting.evidence.known, None])
@@ -217,7 +219,7 @@ def direct_findings(acting: Acting) -> list[Finding]:
 
 
 def rhythm_findings(acting: Acting, part: Explained) -> list[Finding]:
-    """Say where a disturbance with the input's period explains more surely than ``part``, and moves coefficients."""
+    """Return a finding if a disturbance with the input's period is more significant than ``part`` and changes G(s)."""
     if acting.loop.reference is not None:
         return []
     period, waves = _waves(acting.evidence)
@@ -230,7 +232,7 @@ def rhythm_findings(acting: Acting, part: Explained) -> list[Finding]:
 
 
 def _waves(evidence: Evidence) -> tuple[float, FloatArray]:
-    """Return the period in s of the strongest line of the input, and waves (K, 2) of it; none of a record too short."""
+    """Return the period in s of the input's strongest line, and its waves (K, 2); no column if the record is short."""
     record = evidence.record
     times = np.cumsum(record.intervals) if record.intervals.size > 1 else record.dt * np.arange(record.u.size)
     even = np.linspace(times[0], times[-1], times.size)
@@ -244,28 +246,28 @@ def _waves(evidence: Evidence) -> tuple[float, FloatArray]:
 
 @dataclass(frozen=True)
 class Told:
-    """A signal that acts on the output beside the model."""
+    """The effect of a signal that acts on the output in addition to the model."""
 
-    weight: float  # of it
-    size: float  # by how much a coefficient differs, as a part of it
+    weight: float  # of its first column
+    size: float  # largest relative change of a coefficient
     statistic: float  # over its limit
 
 
 @dataclass(frozen=True, eq=False)
 class Acting:
-    """What acts on the output, the input or, with a reference, what that explains of it, and the tests of it."""
+    """The acting input, with a reference the part that this explains, and the tests of its effect on the output."""
 
     evidence: Evidence
     runs: Runs
     loop: Loop
     input: FloatArray  # (K,)
-    output: FloatArray  # (K,): what the model makes of it
+    output: FloatArray  # (K,): the model's output by ``input``
     slopes: FloatArray  # (K, n + m + 1)
-    sensed: FloatArray  # (K,): what a sensor measures of all inputs
+    sensed: FloatArray  # (K,): the modelled output of all inputs, which the sensor measures
 
     @classmethod
     def of(cls, evidence: Evidence, runs: Runs, loop: Loop, sensed: FloatArray | None = None) -> Acting:
-        """Return what acts; ``sensed`` where other inputs act, too."""
+        """Return the acting input; give ``sensed`` if other inputs act, too."""
         run, reference = runs.now, loop.reference
         if reference is None or run.instruments is None:
             return cls(evidence, runs, loop, run.u, run.forced, run.zeta, run.forced if sensed is None else sensed)
@@ -275,24 +277,24 @@ class Acting:
 
     @property
     def known(self) -> FloatArray:
-        """The known columns (J, N) of the samples that the estimate should explain."""
+        """Known columns (J, N), slopes and nuisances, over the samples that the estimate should explain."""
         rows = self.evidence.known
         return np.hstack([self.slopes[rows], self.runs.now.nuisances[rows]])
 
     @property
     def made(self) -> FloatArray:
-        """The output (K,), or what a reference explains of it."""
+        """The output (K,), or the part that a reference explains."""
         return self.evidence.record.y if self.loop.reference is None else self.loop.reference.output
 
     @property
     def whole_input(self) -> FloatArray:
-        """What acts, with the samples before those of the evidence where these act, too."""
+        """The acting input; without a reference with the samples before the evidence, which act, too."""
         record = self.evidence.record
         return record.joined.u if self.loop.reference is None else self.input + record.u.mean()
 
     @cached_property
     def linear(self) -> FloatArray:
-        """The columns (J, C) of other dynamics of the samples that the estimate should explain."""
+        """Columns (J, C) of other dynamics over the samples that the estimate should explain."""
         reference, rows = self.loop.reference, self.evidence.known
         if reference is not None:
             return reference.states[rows]
@@ -300,17 +302,17 @@ class Acting:
 
     @cached_property
     def residual(self) -> Residual:
-        """What the model leaves beside these."""
+        """The residual beside the known columns."""
         return residual_of(self.evidence, self.runs.now.error[self.evidence.known], self.known)
 
     @property
     def speeds(self) -> FloatArray:
-        """How fast the poles count as (n,), see `Speeds`."""
+        """Speeds (n,) at which the poles count, see `Speeds`."""
         reference = self.loop.reference
         return Speeds.of(self.evidence, self.loop.is_closed, None if reference is None else reference.output).poles
 
     def told(self, columns: FloatArray) -> Told | None:
-        """Return what columns (J, C) beside the model change; None where they explain nothing to speak of."""
+        """Return the effect of columns (J, C) beside the model; None if not significant, or negligible."""
         found = self.residual.explained(columns)
         made = power_of(self.evidence, self.made[self.evidence.known])
         if not (found.is_sure and found.power > NEGLIGIBLE * made):
@@ -318,15 +320,15 @@ class Acting:
         return Told(float(found.weights[0]), self.size_of(columns, found.weights), found.statistic)
 
     def size_of(self, columns: FloatArray, weights: FloatArray) -> float:
-        """Return by how much the largest coefficient differs beside columns (J, C) with weights (C,), as a part."""
+        """Return the largest relative change of a coefficient beside columns (J, C) with weights (C,)."""
         step = -self.residual.weights_of(columns)[: self.evidence.coefficients] @ weights
         return self.runs.size(step, self.speeds)
 
 
 def later(record: Record, output: FloatArray, dt: float, *, past: bool) -> FloatArray:
-    """Return by how much a model's output (K,) changes where it comes a sampling time later, to first order.
+    """Return the change of a model's output (K,) if it is delayed by a sampling time, to first order.
 
-    In feedback what comes after a sample answers its noise: the change is then that since the sample before.
+    In feedback later outputs depend on the noise of a sample: ``past`` takes the difference to the sample before.
     """
     times = np.cumsum(record.intervals) if record.intervals.size > 1 else record.dt * np.arange(output.size)
     late = np.zeros(output.size)
@@ -341,12 +343,12 @@ def later(record: Record, output: FloatArray, dt: float, *, past: bool) -> Float
 
 
 def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:
-    """Return how much of a straight input the residual holds, and the step of the coefficients if it is one.
+    """Return what a straight input explains of the residual, and the step of the coefficients if the input is straight.
 
-    None where the model cannot be run.  The coefficients make up for the hold, as a zero of little weight can: the
-    column is the output by a straight input and the coefficients that go with it, less that by a held one and its own.
+    None if the model cannot be run.  The coefficients compensate for the hold, as a zero of little weight can: the
+    column is the output by a straight input and adapted coefficients, minus that by a held one and the estimate.
     """
-    # where rows are lost a straight line is nearer to what the input did than one step, whatever its hold is
+    # where rows are lost a straight line is nearer to the input than one step, for any hold
     record, places = evidence.record.restored
     rows = places[evidence.known]
 
@@ -365,7 +367,7 @@ def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:
 
 
 def _largest_change(evidence: Evidence, step: FloatArray) -> float:
-    """Return the largest part of its size by which a step changes a coefficient, of those that it changes surely."""
+    """Return the largest relative change of a coefficient by a step, of those that it changes significantly."""
     if evidence.covariance is None:
         return 0.0
     std = np.sqrt(np.maximum(np.diag(evidence.covariance)[: step.size], 0.0))
@@ -374,14 +376,14 @@ def _largest_change(evidence: Evidence, step: FloatArray) -> float:
 
 
 def _scaled(u: FloatArray) -> FloatArray:
-    """Return an input on a scale from -1 to 1; zero stays where it is if the input lies on both sides of it."""
+    """Return an input scaled to -1 .. 1; zero stays zero if the input takes both signs."""
     low, high = float(u.min()), float(u.max())
     middle = 0.0 if low < 0.0 < high else 0.5 * (low + high)
     return np.asarray((u - middle) / max(high - middle, middle - low, float(np.finfo(float).tiny)))
 
 
 def _curves(v: FloatArray) -> Iterator[FloatArray]:
-    """Yield curves (K, C) of a signal on a scale from -1 to 1: odd ones, the magnitude, plays."""
+    """Yield curves (K, C) of a signal in -1 .. 1: odd powers, the magnitude, plays."""
     from replant.kernels.filters.autoregressions import play  # compiled: imported where it is used
 
     yield np.column_stack([v**3, v**5])
@@ -390,13 +392,13 @@ def _curves(v: FloatArray) -> Iterator[FloatArray]:
 
 
 def _grows_outward(v: FloatArray, curve: FloatArray) -> bool:
-    """Return whether a curve's values (K,), beside the straight line through them, grow with the distance from zero."""
+    """Return whether a curve (K,) of a signal (K,), less its linear part, grows outward as v abs(v) does."""
     straight = np.column_stack([v, np.ones(v.size)])
     return inner(without(curve[:, None], straight)[:, 0], without((v * np.abs(v))[:, None], straight)[:, 0]) > 0.0
 
 
 def _behind_the_plant(evidence: Evidence, curves: FloatArray) -> FloatArray:
-    """Return the model's outputs (K, C) where the input is replaced by each of the curves (K, C), from the first on."""
+    """Return the model's outputs (K, C) with the input replaced by each of the curves (K, C); zero if not finite."""
     model, whole = evidence.structure.transfer_function(evidence.estimate), evidence.record.joined
     whole = whole if len(curves) == whole.u.size else evidence.record
     outputs = responses(model, curves, whole, evidence.dt, whole.input_hold)

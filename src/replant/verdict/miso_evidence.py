@@ -1,8 +1,8 @@
-"""A row as one of its inputs sees it: what is asked of one input is asked of each.
+"""A row reduced to each of its inputs, so that the tests of a plant with one input apply to each.
 
-What the other inputs make is taken off the output, y_i = y - sum of x_j, and what another model of these would make of
-it, their slopes, joins the offset and the initial states.  A fault of input i, or of the plant behind it, is then told
-as that of a plant of one input, see `input_faults` and `plant_faults`.
+The modelled outputs of the other inputs are subtracted from the output, y_i = y - sum of x_j, and their slopes join the
+offset and the initial states as nuisances.  A fault of input i, or of the plant behind it, is then found as for a plant
+with one input, see `input_faults` and `plant_faults`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from replant.verdict.verdict import Finding
 
 
 class Seen(NamedTuple):
-    """What a row is to one of its inputs."""
+    """A row reduced to one of its inputs."""
 
     name: str
     acting: Acting
@@ -35,12 +35,12 @@ class Seen(NamedTuple):
 
     @property
     def subject(self) -> str:
-        """Of which input a fault is told, in words."""
+        """The input that a fault belongs to, in words."""
         return f"input {self.name}" if self.is_only else f"input {self.name}, beside the others"
 
 
 def seen_by_each(row: Row, point: Point, covariance: FloatArray) -> list[Seen]:
-    """Return what a row is to each input that moves, by the longest stretch of the record without a gap."""
+    """Return the row reduced to each input that moves, over the stretch with the most measured outputs."""
     if not row.stretches:
         return []
     longest = int(np.argmax([np.count_nonzero(each.measured) for each in row.stretches]))
@@ -49,15 +49,15 @@ def seen_by_each(row: Row, point: Point, covariance: FloatArray) -> list[Seen]:
 
 
 def faults_of_output(seen: Sequence[Seen]) -> list[Finding]:
-    """Say where the output is held, by the transfer function that it changes most."""
+    """Return a finding if the output is held, by the transfer function that it changes most."""
     return held_output_findings(*((each.acting.evidence, each.acting.runs) for each in seen))
 
 
 def faults_of_row(seen: Sequence[Seen]) -> Iterator[Finding]:
-    """Say what is wrong with the sensor, or with actuators, and with the holds and the plants behind them."""
+    """Yield faults of the sensor, or else of actuators, and of holds, disturbances and plants, for each input."""
     bends = [bends_of(each.acting) for each in seen]
     actuators, sensors = zip(*bends, strict=True) if bends else ((), ())
-    # what another pole of one input explains looks like a curve beside the dynamics of the other ones
+    # a missing pole of one input looks like a curve to the other ones: a fault of the sensor must be seen by all
     sensor = min(filter(None, sensors), key=lambda bend: bend.statistic) if sensors and all(sensors) else None
     is_surest = sensor is surest_of((sensor, *actuators))
     of_sensor = sensor.findings if sensor is not None and is_surest else []
@@ -75,7 +75,7 @@ def faults_of_row(seen: Sequence[Seen]) -> Iterator[Finding]:
 
 
 def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which: int) -> Seen | None:
-    """Return what a stretch of a row is to an input; None where that does not move, or the stretch is too short."""
+    """Return a stretch reduced to an input; None if the input does not move, or the stretch is too short."""
     stretch, nuisances, places = row.stretches[which], point.nuisances[which], row.places[number]
     outputs, slopes, free = row.signals(point.theta, stretch, nuisances[1:])
     left = stretch.y - np.delete(outputs, number, axis=1).sum(axis=1)
@@ -102,7 +102,7 @@ def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which:
         input_zero=-float(row.inputs[stretch.rows][0, number]),
         measured=stretch.y[rows],
     ).in_own_units()
-    enough = max(evidence.enough, PER_COEFFICIENT * (free.shape[1] + slopes.shape[1]))  # for what all inputs do
+    enough = max(evidence.enough, PER_COEFFICIENT * (free.shape[1] + slopes.shape[1]))  # for the columns of all inputs
     if evidence.counted < enough or not np.ptp(record.u) > 0.0:
         return None
     run = run_model(evidence.structure, evidence.estimate, evidence.record, evidence.dt)

@@ -1,9 +1,9 @@
-"""Faults of the inputs of a row: one that a controller makes, and one that acts at another time than the model says.
+"""Faults of the inputs of a row: inputs that a controller makes, and inputs with another dead time than the model's.
 
-Dead times are found by steps: where a branch acts a second later, its output x changes by -dx/dt.  By that and the
-slopes they are found beside the coefficients, one input at a time, without a noise model, which would take for noise
-what a wrong dead time leaves.  Whether another dead time is no chance is told by the likelihood, with the noise model
-of what is then left.
+Dead times are found by steps: the output x of a branch changes by -dx/dt per second of dead time.  With that column and
+the slopes, dead times are estimated together with the coefficients, one input at a time.  No noise model is used, as it
+would explain the effect of a wrong dead time.  The likelihood, with the noise model of the final residual, decides
+whether another dead time is significant.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ LATE = (
     "column is recorded late"
 )
 MOVED_UP = "move its column up by a row"
-A_NAT = 1.0  # gain of the log-likelihood below which steps of dead times end: twice what chance gives [nats]
+A_NAT = 1.0  # gain of the log-likelihood below which the steps end: twice its mean by chance [nats]
 
 
 def faults(row: Row, point: Point, noise: Autoregression) -> tuple[Finding, ...]:
-    """Return which inputs a controller makes, or else act at another time than the model says."""
+    """Return findings on inputs that a controller makes, or else on inputs with another dead time."""
     return (*controlled(row, point, noise),) or (*timing(row, point),)
 
 
 def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]:
-    """Inputs that answer to the residual, beside those that references move."""
+    """Yield findings on inputs that answer the residual, except inputs that references move."""
     free = range(len(row.structures)) if row.outside is None else np.flatnonzero(~row.outside.is_moved).tolist()
-    # what is too small to matter, as what a filter that looks ahead puts into both, is not named
+    # an answer too small to matter, such as that of a non-causal filter of input and output, is not named
     least = HARMLESS**2 * power_of_row(row, noise)
     for i in free:
         answers = _answers(row, point, i, row.inputs[:, i])
@@ -64,10 +64,10 @@ def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Findin
 
 
 def answering(row: Row, point: Point) -> BoolArray:
-    """Return which inputs (q,) answer to the residual by what does not come from outside of them."""
+    """Return which inputs (q,) that references move answer the residual with the part that these do not explain."""
     found = np.zeros(len(row.structures), bool)
     if row.outside is not None:
-        inside = row.inputs - row.outside.inputs  # of one in a loop only the noise is left
+        inside = row.inputs - row.outside.inputs  # only the noise is left of an input in a loop
         for i in np.flatnonzero(row.outside.is_moved).tolist():
             found[i] = all(answer.found for answer in _answers(row, point, i, inside[:, i]))
     return found
@@ -80,8 +80,8 @@ def _answers(row: Row, point: Point, number: int, signal: FloatArray) -> tuple[F
     left, signal = np.zeros(signal.size), signal - signal.mean()
     for stretch, error in zip(row.stretches, point.error, strict=True):
         left[stretch.rows] = error
-    # where the structure is not right the other inputs explain some of the residual, and the input may follow them: the
-    # answer must be one beside them, too
+    # with a wrong structure the other inputs explain some of the residual, and this input may follow them: the answer
+    # must also be found beside them
     others = [u - u.mean() for u in np.delete(row.inputs, number, axis=1).T]
     first = int(row.record.input_hold == "foh" and row.structures[number].delay < row.dt)  # a model with a direct path
     before = row.record.inputs_before
@@ -89,7 +89,7 @@ def _answers(row: Row, point: Point, number: int, signal: FloatArray) -> tuple[F
 
 
 def _direct(row: Row, point: Point, noise: Autoregression, number: int) -> Iterator[Finding]:
-    """Say that an input acts on the output of its own row, where that changes the coefficients."""
+    """Yield a finding that an input acts on the output of the same row, if that changes the coefficients."""
 
     def own(stretch: Stretch) -> FloatArray:
         return row.inputs[stretch.rows, number][:, None]
@@ -102,8 +102,8 @@ def _direct(row: Row, point: Point, noise: Autoregression, number: int) -> Itera
 
 
 def timing(row: Row, point: Point) -> Iterator[Finding]:
-    """Inputs that another dead time explains, where that changes the coefficients."""
-    # in feedback what comes later answers the noise: of references the past alone would tell
+    """Yield findings on inputs with another dead time, if that changes the coefficients."""
+    # in feedback later inputs answer the noise; references would need a test by the past alone
     if row.outside is not None or is_rounding(row, point):
         return
     yield from _early(row, point)
@@ -120,7 +120,7 @@ def timing(row: Row, point: Point) -> Iterator[Finding]:
 
 
 def _early(row: Row, point: Point) -> Iterator[Finding]:
-    """Inputs that act before their row, which no dead time makes up for."""
+    """Yield findings on inputs that act before their row, which no dead time can describe."""
     noise = noise_of(row, point)
     point = evaluate(row, point.theta, noise, point)
     weights, statistics, steps = _beside(row, point, noise, _later_of(row, point))
@@ -131,7 +131,7 @@ def _early(row: Row, point: Point) -> Iterator[Finding]:
 
 
 def _retimed(row: Row, point: Point, noise: Autoregression) -> tuple[Row, Point]:
-    """Return the row with the dead times that steps of the surest one at a time lead to, and its point."""
+    """Return the row with new dead times, found by steps of the most significant one at a time, and its point."""
     for _ in range(STEPS):
         weights, statistics, _ = _beside(row, point, noise, _later_of(row, point))
         i = int(np.argmax(statistics))
@@ -149,19 +149,19 @@ def _retimed(row: Row, point: Point, noise: Autoregression) -> tuple[Row, Point]
 
 
 def _gain(row: Row, point: Point, timed: Row, after: Point) -> float:
-    """Return by how much the log-likelihood grows from a point to another, of as many samples."""
+    """Return the gain of the log-likelihood from one point to another, for the smaller number of samples."""
     costs = max(point.cost, 1e-300) / row.count, max(after.cost, 1e-300) / max(timed.count, 1)
     return 0.5 * min(row.count, timed.count) * math.log(costs[0] / costs[1])
 
 
 def _told(row: Row, point: Point, timed: Row, after: Point) -> tuple[Row, Point]:
-    """Return the row with those of its new dead times that are no chance, and its point; the row as it was for none."""
+    """Return the row with its significant new dead times, and its point; the original row if there are none."""
     for i, (old, new) in enumerate(zip(row.structures, timed.structures, strict=True)):
         if old.delay == new.delay:
             continue
         noise = noise_of(timed, after)
         without_it = _with_delay(timed, i, old.delay)
-        # from either: where a dead time has taken the place of a pole, that has run away
+        # from both: if the dead time has replaced a pole, that pole has diverged
         begins = (refine(without_it, theta, noise) for theta in (point.theta, after.theta))
         before, after = min(begins, key=lambda each: each.cost), refine(timed, after.theta, noise)
         if not 2.0 * _gain(without_it, before, timed, after) > chi2_quantile(1.0 - ALPHA, 1):
@@ -177,7 +177,7 @@ def _with_delay(row: Row, number: int, delay: float) -> Row:
 
 
 def _is_of_other_dynamics(row: Row, point: Point, timed: Row, after: Point) -> bool:
-    """Return whether other dead times leave much for other dynamics to explain, as a pole too few does."""
+    """Return whether other dynamics explain much beside the new dead times, as if a pole is missing."""
     noise = noise_of(timed, after)
     after, before = refine(timed, after.theta, noise), refine(row, point.theta, noise)
     (significance, left), (_, part) = (
@@ -187,7 +187,7 @@ def _is_of_other_dynamics(row: Row, point: Point, timed: Row, after: Point) -> b
 
 
 def _later_of(row: Row, point: Point) -> Callable[[Stretch], FloatArray]:
-    """Return what says by how much the output of each branch (K, q) changes where it comes a sampling time later."""
+    """Return the function that gives the change (K, q) of each branch's output if delayed by a sampling time."""
 
     def columns(stretch: Stretch) -> FloatArray:
         outputs, _, _ = row.signals(point.theta, stretch, np.zeros(row.nuisances - 1))
@@ -200,7 +200,7 @@ def _later_of(row: Row, point: Point) -> Callable[[Stretch], FloatArray]:
 def _beside(
     row: Row, point: Point, noise: Autoregression, columns: Callable[[Stretch], FloatArray]
 ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
-    """Return of columns (K, C), each by itself beside the slopes, weight, statistic over its limit, and what step."""
+    """Return weights (C,), statistics over their limit (C,) and steps (P,) for each of some columns by itself."""
     parts = []
     for stretch in row.stretches:
         _, _, free = row.signals(point.theta, stretch, np.zeros(row.nuisances - 1))
@@ -221,7 +221,7 @@ def _beside(
 
 
 def _sizes(row: Row, point: Point, step: FloatArray) -> list[float]:
-    """Return the largest relative size by which a step (P,) changes a coefficient of each, see `relative_size`."""
+    """Return the largest relative change of a coefficient by a step (P,) for each input, see `relative_size`."""
     runs = [row.signals(point.theta, stretch, np.zeros(row.nuisances - 1)) for stretch in row.stretches]
     outputs, slopes = (np.concatenate([run[part] for run in runs]) for part in (0, 1))
     sizes = []

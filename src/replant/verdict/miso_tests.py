@@ -1,4 +1,4 @@
-"""The verdict of a row: what each input is worth, what the inputs explain further, and which answer to what is left."""
+"""The verdict on a row: whether each input is needed and identified, and what inputs or other columns could explain."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ GIVEN_UP = (
     "the structure leaves slow parts of the output, which a noise model would take for noise: none was used; try more "
     "poles, another dead time, a further input, or, where a controller makes an input, its reference"
 )
-FILTERS = 8  # first-order filters of each input that its transfer function is tested against [count]
+FILTERS = 8  # first-order filters of each input whose outputs test its transfer function [count]
 
 
 def judged(
@@ -53,26 +53,26 @@ def judged(
     *,
     is_of_record: bool = True,
 ) -> Verdict:
-    """Return the verdict of a point, with the faults that were found of it, and other findings."""
+    """Return the verdict on a point, with the ``faults`` found before, and other findings."""
     others, general = [*faults, *others], [finding for finding in faults if finding.reason == GIVEN_UP]
     others = [finding for finding in others if finding.reason != GIVEN_UP]
     is_named = any(_is_fault(each) for each in faults if each.reason != GIVEN_UP)
     findings = [*_copied(row), *untold(row, record, point, covariance)]
     if not findings:
         findings += _useless(row, point, noise, covariance)
-        seen = seen_by_each(row, point, covariance) if row.outside is None else []  # in feedback they answer the noise
+        seen = seen_by_each(row, point, covariance) if row.outside is None else []  # in feedback inputs answer noise
         held = faults_of_output(seen)
         named = [] if is_named or findings else list(faults_of_row(seen))
         others, is_named = [*held, *named, *others], is_named or any(_is_fault(each) for each in [*held, *named])
-        # what a named fault leaves, other dynamics could explain, too: in feedback the input explains its noise
+        # a named fault also lets other dynamics explain the residual: in feedback the input explains the noise
         general = general if is_named else [*lacking(row, point, noise), *general]
     unsure = [] if findings or general else list(_unsure(row, point, covariance))
-    # it follows sample by sample: the plant may have changed since; from a wrong model any samples differ
+    # an estimate that runs with the samples may be older than a change; from a wrong model all samples differ
     if not (findings or general or is_named or is_of_record):
         findings += _outdated(row, point, noise, covariance)
     findings += unsure
     excited = not any(finding.status == "not excited" for finding in findings + others)
-    # what names the fault comes first
+    # named faults come before general ones
     told = conclude(
         findings + others + general, "each input is told apart, and the inputs explain no more of the output"
     )
@@ -88,18 +88,18 @@ def _is_fault(finding: Finding) -> bool:
 
 
 def _rest(row: Row) -> float:
-    """Return for how many s all inputs have rested; 0 where that is less than a quarter of a record and `RESTED`."""
+    """Return for how many s all inputs have rested; 0 if for less than `RESTED` samples and a quarter of the record."""
     rest = len(row.inputs) - max(moving(u) for u in row.inputs.T)
     return row.record.last(rest).span if rest >= min(RESTED, len(row.inputs) // 4) else 0.0
 
 
 def untold(row: Row, record: Record, point: Point, covariance: FloatArray) -> list[Finding]:
-    """Return which inputs rest or move together, and else whose transfer functions the record does not tell."""
+    """Return findings on inputs that rest or move together, and on transfer functions that are not known well."""
     return [*_at_rest(row), *_alike(row), *_uncertain(row, record, point, covariance)]
 
 
 def _copied(row: Row) -> Iterator[Finding]:
-    """Inputs that are one signal with the output: where another input moves both, one of them is made of the output."""
+    """Yield findings on inputs that are copies of the output; if another input moves both, a controller makes one."""
     known, y = row.record.is_measured, row.record.y
     copies = [i for i, u in enumerate(row.inputs.T) if is_copy(u[known], y[known])]
     others = [i for i in range(len(row.structures)) if i not in copies]
@@ -124,7 +124,7 @@ def _at_rest(row: Row) -> Iterator[Finding]:
 
 
 def _alike(row: Row) -> Iterator[Finding]:
-    """Return which inputs are one signal, scaled: structures that differ tell them apart, but no sample does."""
+    """Yield pairs of inputs that are one signal, scaled: different structures separate them, the samples do not."""
     signals = np.concatenate([row.inputs[each.rows] - row.inputs[each.rows].mean(axis=0) for each in row.stretches])
     powers = np.sum(signals**2, axis=0)
     for i, j in itertools.combinations(np.flatnonzero(powers > 0.0).tolist(), 2):
@@ -138,7 +138,7 @@ def _alike(row: Row) -> Iterator[Finding]:
 
 
 def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -> Iterator[Finding]:
-    """Inputs that move together, and else transfer functions that the record does not tell."""
+    """Yield findings on inputs that move together, and on other transfer functions that are not known well."""
     places, phi, blamed = row.places, np.concatenate(point.phi), set()
     slopes = np.zeros((len(places), point.theta.size))  # of the gains b0/a0
     for number, (structure, rows) in enumerate(zip(row.structures, places, strict=True)):
@@ -151,8 +151,8 @@ def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -
         if not std[i] * std[j] > 0.0:
             continue
         correlation = min(abs(gains[i, j]) / (std[i] * std[j]), 1.0)
-        alone = math.sqrt(1.0 - correlation**2)  # what a deviation would be if the other gain were known
-        # most of the variance comes of the other gain, which is enough to make this one uncertain
+        alone = math.sqrt(1.0 - correlation**2)  # factor on a deviation if the other gain were known
+        # most of the variance comes from the other gain, and is what makes this one uncertain
         if alone**2 < 0.5 and any(alone * std[k] <= MOST_UNCERTAIN * sizes[k] < std[k] for k in (i, j)):
             blamed |= {i, j}
             yield Finding(
@@ -174,7 +174,7 @@ def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -
 def _cancelled(
     row: Row, number: int, theta: FloatArray, covariance: FloatArray, status: str = "converging"
 ) -> Finding | None:
-    """Return that a zero may cancel a pole of an input; None where none does."""
+    """Return a finding if a zero may cancel a pole of an input; else None."""
     pole = cancelled_pole(row.structures[number], theta, covariance)
     if pole is None:
         return None
@@ -183,9 +183,9 @@ def _cancelled(
 
 
 def _unsure(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]:
-    """Poles that a zero may cancel, and else that the estimate's error makes too much of the modelled output."""
+    """Yield poles that a zero may cancel, or else that the modelled output is too uncertain."""
     made, largest = _scatter(row.from_outside, point, covariance)
-    # where that makes little, what the model does is known, and a pole that may be cancelled is no obstacle to trust
+    # if the modelled output is known well, a pole that may be cancelled does not prevent trust
     status = "trusted" if made <= MINOR_SCATTER else "converging"
     found = [_cancelled(row, i, point.theta[rows], covariance[rows, rows], status) for i, rows in enumerate(row.places)]
     yield from filter(None, found)
@@ -198,7 +198,7 @@ def _unsure(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]
 
 
 def _scatter(row: Row, point: Point, covariance: FloatArray) -> tuple[float, int]:
-    """Return the deviation of the modelled output by the estimate's error, over that output's, and whose is largest."""
+    """Return the relative standard deviation of the modelled output by the estimate's error, and the worst input."""
     runs = []
     for stretch, nuisances in zip(row.stretches, point.nuisances, strict=True):
         signals = row.signals(point.theta, stretch, nuisances[1:])
@@ -214,8 +214,8 @@ def _scatter(row: Row, point: Point, covariance: FloatArray) -> tuple[float, int
 
 
 def _outdated(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
-    """Inputs whose response over the newest samples, half as many, a quarter .. is another one than the estimate's."""
-    # over all of them what an estimate is off before a change and after it cancels: it is their mean
+    """Yield the input whose response has changed most, by all samples, or the newest half, quarter and so on."""
+    # over all samples the deviations before and after a change cancel: the estimate is a mean
     samples = row.record.u.size
     while samples >= FEWEST:
         newest = row.last(samples)
@@ -229,11 +229,11 @@ def _outdated(row: Row, point: Point, noise: Autoregression, covariance: FloatAr
 
 
 def _useless(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
-    """Inputs without which the record is as likely, by the Bayesian information criterion."""
+    """Yield inputs that are not needed, by the Bayesian information criterion."""
     count = len(row.structures)
     if count == 1:
         return
-    if row.outside is not None:  # in feedback likelihoods are no judges: the numerator is nought within chance
+    if row.outside is not None:  # in feedback likelihoods do not decide: the numerator is compared with zero
         useless = [i for i, beyond in enumerate(_beyond_nought(row, point, covariance)) if beyond < 1.0]
     else:
         useless = [i for i in range(count) if _is_left_out(row, point, noise, i)]
@@ -250,19 +250,19 @@ def _useless(row: Row, point: Point, noise: Autoregression, covariance: FloatArr
 
 
 def _beyond_nought(row: Row, point: Point, covariance: FloatArray) -> Iterator[float]:
-    """Yield of each input how far its numerator lies from nought, as a statistic over the criterion's limit."""
+    """Yield, for each input, the distance of its numerator from zero as a statistic over the criterion's limit."""
     for structure, whole in zip(row.structures, row.places, strict=True):
         rows = slice(whole.stop - structure.zeros - 1, whole.stop)
         std = np.sqrt(np.maximum(np.diag(covariance[rows, rows]), np.finfo(float).tiny))
         b = point.theta[rows] / std
         scaled = covariance[rows, rows] / np.outer(std, std)
-        known = bool(np.isfinite(scaled).all())  # of a branch that ran away a variance may be negative: rounding
+        known = bool(np.isfinite(scaled).all())  # a diverged branch may have a negative variance, by rounding
         statistic = float(b @ np.linalg.lstsq(scaled, b, rcond=None)[0]) if known else 0.0
         yield statistic / (structure.size * math.log(row.count))
 
 
 def _is_left_out(row: Row, point: Point, noise: Autoregression, *left_out: int) -> bool:
-    """Return whether the record is as likely without some of the inputs."""
+    """Return whether the Bayesian information criterion prefers the model without some of the inputs."""
     less = [k for k in range(len(row.structures)) if k not in left_out]
     power = power_of_row(row, noise)
     if less:
@@ -274,7 +274,7 @@ def _is_left_out(row: Row, point: Point, noise: Autoregression, *left_out: int) 
 
 
 def lacking(row: Row, point: Point, noise: Autoregression, covariance: FloatArray | None = None) -> Iterator[Finding]:
-    """What filters of the inputs could explain of the residual, of a model with a covariance of another record too."""
+    """Yield what filters of the inputs could explain of the residual; ``covariance``: of a model of another record."""
     signals = row.inputs if row.outside is None else row.outside.signals
     significance, part = of_filters(row, point, noise, *signals.T, covariance=covariance)
     if significance > 1.0 and part > MATTERS:
@@ -286,10 +286,10 @@ def lacking(row: Row, point: Point, noise: Autoregression, covariance: FloatArra
 
 
 def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
-    """The input whose response has changed most since an estimate was made, if one has, beyond chance.
+    """Yield the input whose response differs most from the estimate's, if that is significant and matters.
 
-    A step from the estimate, d = (sum zeta phi')^-1 sum zeta e, is compared with its covariance and the estimate's.  By
-    how much is the amplitude of phi_i' d_i beside that of the branch's output x_i.
+    The step from the estimate, d = (sum zeta phi')^-1 sum zeta e, is compared with its covariance plus the estimate's.
+    The size of the change is the amplitude of phi_i' d_i over that of the branch's output x_i.
     """
     phi, zeta, error = (np.concatenate(each) for each in (point.phi, point.zeta, point.error))
     if is_rounding(row, point):
@@ -300,7 +300,7 @@ def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray)
     spread = variance * inverse @ products(zeta, zeta) @ inverse.T + covariance
     basis = combined(zeta, orthogonal(products(zeta, zeta)))
     limit = chi2_quantile(1.0 - ALPHA, step.size) * widening(basis, without(error[:, None], zeta)[:, 0], variance)
-    if not float(step @ inverse_of(spread) @ step) > limit:  # nor where it is NaN: the samples do not tell
+    if not float(step @ inverse_of(spread) @ step) > limit:  # also if NaN: the samples do not determine the step
         return
     states, parts = np.zeros(row.nuisances - 1), []
     outputs = np.concatenate([row.whitened(noise, row.signals(point.theta, s, states)[0], s) for s in row.stretches])
@@ -317,7 +317,7 @@ def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray)
 
 
 def of_rivals(row: Row, point: Point, rivals: Iterable[FloatArray]) -> Iterator[Finding]:
-    """The input whose part of the output differs most between the estimate and a model as likely, if that matters."""
+    """Yield the input whose part of the output differs most between the estimate and rival models, if that matters."""
     own = _parts(row, point.theta)
     size, name, largest = float(own.sum(axis=1).std()), "", 0.0
     for theta in rivals:
@@ -332,7 +332,7 @@ def of_rivals(row: Row, point: Point, rivals: Iterable[FloatArray]) -> Iterator[
 
 
 def _parts(row: Row, theta: FloatArray) -> FloatArray:
-    """Return what the inputs make of the measured outputs (K, q), each stretch from rest."""
+    """Return the parts (K, q) of the measured outputs by each input, each stretch from rest."""
     states = np.zeros(row.nuisances - 1)
     return np.concatenate([row.signals(theta, each, states)[0][each.measured] for each in row.stretches])
 
@@ -343,7 +343,7 @@ def power_of_row(row: Row, noise: Autoregression) -> float:
 
 
 def left_out(row: Row, point: Point, noise: Autoregression, others: Mapping[str, FloatArray]) -> Iterator[Finding]:
-    """The column (K,) beside the inputs that could explain most of the residual, if one could."""
+    """Yield the other column (K,) that explains the residual most significantly, if one does and that matters."""
     usable = {name: each for name, each in others.items() if np.isfinite(each).all() and np.ptp(each) > 0.0}
     found = [(*of_filters(row, point, noise, signal), name) for name, signal in usable.items()]
     for significance, part, name in sorted(found, reverse=True)[:1]:
@@ -357,7 +357,7 @@ def left_out(row: Row, point: Point, noise: Autoregression, others: Mapping[str,
 def of_filters(
     row: Row, point: Point, noise: Autoregression, *signals: FloatArray, covariance: FloatArray | None = None
 ) -> tuple[float, float]:
-    """Return what signals (K,), and filters of them, explain of the error: in limits of chance, and of the output."""
+    """Return what signals (K,) and filters of them explain of the error: statistic over limit, part of the output."""
     if is_rounding(row, point):
         return 0.0, 0.0
     model, span = AuxiliaryModel(Structure(1), row.dt), sum(each.inputs[0].span for each in row.stretches)
@@ -373,7 +373,7 @@ def of_filters(
     lengths = np.sqrt(np.einsum("ij,ij->j", white, white))
     if not lengths.any():
         return 0.0, 0.0
-    # a model of this record explains what its instruments do; the error of one of another is larger, by its covariance
+    # a model of this record explains all that its instruments can; one of another record has errors by its covariance
     left = white[:, lengths > 0.0] if covariance is not None else without(white[:, lengths > 0.0], phi)
     left = left / lengths[lengths > 0.0]
     basis = combined(left, orthogonal(products(left, left)))
@@ -392,7 +392,7 @@ def of_filters(
 
 
 def is_rounding(row: Row, point: Point) -> bool:
-    """Return whether the residual is rounding, of the log's numbers or of the sensor's steps: nothing is told by it."""
+    """Return whether the residual is rounding, of the log's numbers or of the sensor: it carries no information."""
     output, error = (
         np.concatenate([each[stretch.measured] for each, stretch in zip(signals, row.stretches, strict=True)])
         for signals in ([stretch.y for stretch in row.stretches], point.residual)

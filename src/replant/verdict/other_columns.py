@@ -1,16 +1,17 @@
-"""Other columns of a file that explain what a model leaves of the output: a second input, a measured disturbance.
+"""Other columns of a file that explain a part of the residual: a second input, a measured disturbance.
 
 The alternative "another column" has the columns of the alternative "other dynamics", made of the other signal.  What
-the input could explain is taken away first, so that a copy of the input, late, filtered or scaled, explains nothing.
+the input could explain is projected out first, so that a delayed, filtered or scaled copy of the input explains
+nothing.
 
-A signal that is made from the output explains its noise, and is no cause: a filtered output, a control error.  It
-answers the residual, at once or later, which a cause does not.  What follows the input is its copy, the measured
-position of the actuator, or another output: its past and that of the input tell more of it than its own past alone.
-Under a controller a reference moves the output by way of the input: there a signal that explains the input is no cause
-either.  Nor is a clock, which only ever rises.
+A signal that is made from the output, as a filtered output or a control error, explains the output's noise, but is no
+cause: unlike a cause it answers the residual, at once or later.  A signal that follows the input is a copy of it, the
+measured position of the actuator, or another output: the input's past improves its prediction from its own past.  In
+a closed loop a reference moves the output through the input: a signal that explains the input is then no cause either.
+Nor is a clock, a signal that only increases or only decreases.
 
-The columns are taken one after the other, each time that which explains most and follows no other that does; what it
-explains is known from then on.  Thus a second sensor of the same cause is not named.
+The columns are chosen one after the other: each time the one that explains most and follows no other one that explains
+something.  Its columns are known from then on, so that a second sensor of the same cause is not named.
 """
 
 from __future__ import annotations
@@ -36,21 +37,21 @@ from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.residual_tests import Reference, answer, dynamics, known_columns, power_of, residual_of
 from replant.verdict.verdict import Assessment, percent
 
-REFINED = 2  # times that the noise is estimated again from what a column leaves: a third changes no verdict [count]
+REFINED = 2  # times that the noise model is estimated again beside a column: a third changes no verdict [count]
 
 
 @dataclass(frozen=True)
 class OtherColumn:
-    """A column that explains a part of what a model leaves of the output."""
+    """A column that explains a part of the residual."""
 
     name: str
     size: float  # part of the output's power
-    left: float  # part of the power that the model leaves
-    bias: float  # part of the output's power that the model explains in its place, as it moves with the input
+    left: float  # part of the residual's power
+    bias: float  # part of the output's power by the column that the model takes up, as the column moves with the input
 
     @property
     def reason(self) -> str:
-        """What is said of it."""
+        """The reason for the verdict."""
         told = f"column {self.name} explains {percent(self.left)} of what is left"
         if time_candidates([self.name]):
             return f"{told}: the output drifts, or the log holds several recordings"
@@ -67,7 +68,7 @@ def other_columns(
     dt: float,
     others: Mapping[str, FloatArray],
 ) -> tuple[OtherColumn, ...]:
-    """Return the columns that explain a part of the residual that matters and is no chance, that with most first."""
+    """Return the columns that explain a significant part of the residual that matters, the first chosen first."""
     whole = record.u.size
     record = record.last(MOST_SAMPLES).answering(structure.delay)
     rows = slice(whole - record.u.size, whole)
@@ -92,7 +93,7 @@ def other_columns(
 
 
 def _chosen(evidence: Evidence, run: ModelRun, causes: dict[str, ModelRun], *, closed: bool) -> list[OtherColumn]:
-    """Return those of the causes that explain something, each beside the ones before it."""
+    """Return the causes that explain something, each beside the ones chosen before it."""
     error, y = run.error[evidence.known], evidence.record.y[evidence.known]
     own = known_columns(evidence, run)
     known, found = np.hstack([own, dynamics(evidence, run, feedback=closed)]), []
@@ -122,7 +123,7 @@ def _chosen(evidence: Evidence, run: ModelRun, causes: dict[str, ModelRun], *, c
 
 
 def _first_cause(evidence: Evidence, sure: Mapping[str, ModelRun]) -> str:
-    """Return the first signal that follows none of the others: a second sensor of one cause follows it."""
+    """Return the first signal that follows none of the others, as a second sensor of a cause does; else the first."""
     for name, by_x in sure.items():
         if not any(_follows(evidence, by_x.u, other) for other in sure.values() if other is not by_x):
             return name
@@ -130,24 +131,24 @@ def _first_cause(evidence: Evidence, sure: Mapping[str, ModelRun]) -> str:
 
 
 def _follows(evidence: Evidence, x: FloatArray, run: ModelRun) -> bool:
-    """Return whether the past of a run's input tells more of a signal (K,) than its own past does."""
+    """Return whether the past of a run's input improves the prediction of a signal (K,) from its own past."""
     x = x[evidence.known]
     alone = residual_of(evidence, x, np.zeros((x.size, 0)))
     return alone.explained(dynamics(evidence, run, feedback=True)).is_sure
 
 
 def _explained(residual: Residual, error: FloatArray, columns: FloatArray) -> Explained:
-    """Return what columns (K, C) explain of an error, in the noise that is left beside them."""
+    """Return what columns (K, C) explain of an error, by the noise model of the error beside them."""
     found = residual.explained(columns)
-    # the autoregression of the error takes a slow effect for noise; a column that explains nothing hardly changes that
+    # the noise model of the error includes a slow effect; a column that explains nothing hardly changes it
     for _ in range(REFINED):
         found = residual.beside(error, combined(columns, found.weights)).explained(columns)
     return found
 
 
 def _explicable(residual: Residual, error: FloatArray, columns: FloatArray) -> float:
-    """Return the mean square of an error (K,) that columns (K, C) explain at most, beside the known ones."""
-    # not by weights of whitened signals: of a slow effect in slow noise they may make more than the error
+    """Return the largest mean square of an error (K,) that columns (K, C) explain, beside the known ones."""
+    # not by weights of whitened signals: for a slow effect in slow noise they may explain more than the error
     rows = residual.used
     before = without(error[rows, None], residual.known[rows])
     after = without(before, without(columns[rows], residual.known[rows]))
@@ -155,7 +156,7 @@ def _explicable(residual: Residual, error: FloatArray, columns: FloatArray) -> f
 
 
 def _bias(evidence: Evidence, error: FloatArray, own: FloatArray, effect: FloatArray, y: FloatArray) -> float:
-    """Return how much of a column's effect (K,) the model's own slopes (K, N) take up, as a part of the output."""
+    """Return the power of a column's effect (K,) that the model's slopes, in ``own``, take up, over the output's."""
     slopes = evidence.coefficients
     weights = residual_of(evidence, error, own).weights_of((effect - effect.mean())[:, None])[:slopes, 0]
     taken = combined(own[:, :slopes], weights)
@@ -163,7 +164,7 @@ def _bias(evidence: Evidence, error: FloatArray, own: FloatArray, effect: FloatA
 
 
 def _is_made_of(evidence: Evidence, run: ModelRun, x: FloatArray, *, closed: bool) -> bool:
-    """Return whether a signal is made from the output or the input, or moves the output by way of the input."""
+    """Return whether a signal is made from the output or the input, or moves the output through the input."""
     if _follows(evidence, x, run):
         return True
     if answer(evidence, run, x).found:
@@ -187,7 +188,7 @@ def _moves(signal: FloatArray) -> bool:
 
 
 def _scaled(signal: FloatArray) -> FloatArray:
-    """Return a signal (K,) around zero with a spread of one; a missing value is that before it."""
+    """Return a signal (K,) with mean 0 and standard deviation 1; a missing value is replaced by the last one before."""
     filled = last_known(signal, float(signal[np.isfinite(signal).argmax()]))
     moved = filled / np.abs(filled).max()
     moved = moved - moved.mean()
@@ -195,7 +196,7 @@ def _scaled(signal: FloatArray) -> FloatArray:
 
 
 def with_other_columns(verdict: Assessment, found: tuple[OtherColumn, ...]) -> Assessment:
-    """Return a verdict that names other columns; that one must record longer is then not said."""
+    """Return a verdict that names other columns, without the advice to record longer."""
     if not found:
         return verdict
     named = [each.reason for each in found]

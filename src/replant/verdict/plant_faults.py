@@ -7,20 +7,20 @@ r"""Faults of the plant: coefficients that depend on the operating point, the di
 | on the time | cos(pi k t / T) x^(i) through B/A, i < n; cos(pi k t / T) x^(j); k = 1 to 8 |
 | the plant has dry friction | the sign of x' through B/A |
 
-x is the state of the model, 1/A u about its mean, the operating point where the model has no zeros the output itself.
-A plant whose coefficients depend on it,
+x is the state of the model, 1/A u minus its mean, and serves as the operating point; for a model without zeros it is
+proportional to the output.  A plant whose coefficients depend on it,
 
 .. math:: \sum_i a_i(x) x^{(i)} = u, \quad y = \sum_j b_j(x) x^{(j)},
 
-has, to first order, these columns beside the slopes of the linear model; a curve of the output is among them.  About a
-level x the change :math:`w x^p x^{(i)}` is one of the coefficient by :math:`w x^p`, where i = 0 by p + 1 times that:
-the curve's slope, and not its value, makes the gain.  What matters is what that makes of G about the levels that the
-record visits: of the output's power, which the levels themselves make, it may be a small part.  A heater that cools
-more slowly than it heats has another G on its way down, a motor that warms up, or a battery that sags, another one at
-another time.
+has, to first order, these columns beside the slopes of the linear model; they include a static curve of the output.
+At a level x the change :math:`w x^p x^{(i)}` changes the coefficient by :math:`w x^p`, and for i = 0 by p + 1 times
+that, as the gain is the curve's slope and not its value.  The test judges the change of G at the levels that the record
+visits; it may be a small part of the output's power, which comes from the levels themselves.  A heater that cools more
+slowly than it heats has another G on its way down; the G of a motor that warms up, or of a battery that discharges,
+depends on the time.
 
-The columns of a sample hold only what was known before it: in feedback they tell as much.  With a reference they are
-made of what that explains of the input.  What other dynamics could explain is taken away before.
+The columns of a sample use only what was known before it, so that the test is valid in feedback.  With a reference they
+are made of the input that it explains.  What other dynamics could explain is projected out first.
 
 Sources: Toth (2010), "Modeling and Identification of Linear Parameter-Varying Systems"; Schetzen (1980), "The Volterra
 and Wiener Theories of Nonlinear Systems"; Armstrong-Helouvry, Dupont and Canudas de Wit (1994), "A survey of models,
@@ -53,11 +53,11 @@ from replant.verdict.input_faults import Acting
 from replant.verdict.residual_tests import power_of, residual_of
 from replant.verdict.verdict import Finding, percent
 
-POWERS = (1, 2)  # of the operating point: what depends on it, and what depends on how far away it is [exponents]
-ENDS = (0.05, 0.95)  # between which nine samples in ten have their operating point [quantiles]
+POWERS = (1, 2)  # powers of the operating point: odd for its sign, even for its distance from the mean [exponents]
+ENDS = (0.05, 0.95)  # quantiles of the operating point between which G is compared: 90 % of samples [quantiles]
 # each takes as many columns as G has coefficients
-WAVES = 8  # half periods within a record, up to which changes are told [count]
-POINTS = 5  # times in each half period of the fastest at which G is looked at [count]
+WAVES = 8  # half periods within a record of the fastest change that is modelled [count]
+POINTS = 5  # times per half period of the fastest wave at which G is evaluated [count]
 
 LEVELS = "the plant acts otherwise at other levels: within those of the record G differs by {} at least"
 WAYS = "the plant acts otherwise on its way up than on its way down: G differs from the model by {} at least"
@@ -65,16 +65,16 @@ TIMES = "the plant changes as the record goes on: G differs from the model by {}
 
 
 def plant_findings(acting: Acting) -> list[Finding]:
-    """Say where coefficients depend on level, direction or time, or friction acts, and what that changes."""
+    """Return findings if coefficients depend on level, direction or time, or if the plant has dry friction."""
     evidence, runs, loop = acting.evidence, acting.runs, acting.loop
     reference, rows = loop.reference, evidence.known
     used = evidence.used[rows]
     if not runs.now.error[rows][used].std() > rounding_of(runs.now.forced[rows], evidence.record.y[rows][used]):
-        return []  # rounding follows from the path, too
+        return []  # rounding depends on the path, too
     path = Path.of(evidence, acting.input if reference is not None else None)
     if path is None:
         return []
-    drift = np.linspace(-1.0, 1.0, len(acting.linear))[:, None]  # of the output, or left of one that was taken off
+    drift = np.linspace(-1.0, 1.0, len(acting.linear))[:, None]  # of the output, or the rest of a subtracted one
     known = np.hstack([acting.known, acting.linear, drift])
     residual = residual_of(evidence, runs.now.error[rows], known)
     told = (
@@ -86,7 +86,7 @@ def plant_findings(acting: Acting) -> list[Finding]:
 
 
 def _surest(acting: Acting, known: FloatArray, told: list[Told]) -> list[Finding]:
-    """Say what explains most beside the others: in part these explain it, too."""
+    """Return the findings on the dependence that is most significant beside the others, as they overlap."""
     told = [each for each in told if each.findings]
     evidence = acting.evidence
     error = acting.runs.now.error[evidence.known]
@@ -105,20 +105,20 @@ class Path:
     """The state of a model B/A over a record of K samples."""
 
     model: Model
-    record: Record  # with all samples that act, from a level of zero on
-    states: FloatArray  # (K, n + 1): x, x' .. of the record, x about its mean over the samples that are tested
+    record: Record  # with all samples that act; starts at an input of zero
+    states: FloatArray  # (K, n + 1): x, x' .. of the record, x minus its mean over the samples that are tested
     reached: FloatArray  # (K, n + 1): the same just before each sample
     before: int  # samples of the record that come before those of the evidence
 
     @classmethod
     def of(cls, evidence: Evidence, by_reference: FloatArray | None = None) -> Path | None:
-        """Return that over a record, or of an input (K,) that a reference explains; None where it leaves float64."""
+        """Return the path over a record, or by the input (K,) that a reference explains; None if it exceeds float64."""
         whole = (
             evidence.record.joined if by_reference is None else replace(evidence.record, u=by_reference, before=None)
         )
-        # a plant is at rest at its first input, but for one that integrates
+        # a plant is at rest at its first input, unless it integrates
         rests = float(np.abs(evidence.poles).min()) * evidence.record.span > 1.0
-        # another load, or the begin of another log, changes the output's level and not x
+        # a new load, or the begin of another log, changes the output's level and not x
         record = replace(whole, u=whole.u - whole.u[0] if rests else whole.u, measured=None, begins=())
         model, before = Model(evidence), whole.u.size - evidence.samples
         states = model.states(record)
@@ -128,25 +128,25 @@ class Path:
         return cls(model, record, states, model.reached(states), before)
 
     def changes(self, factor: FloatArray, at_end: FloatArray, *, slow: bool = False) -> FloatArray:
-        """Return what changes of a_0 .. a_n, b_0 .. b_m by a factor make of the output (K, n + m + 2).
+        """Return the changes of the output (K, n + m + 2) by changes of a_0 .. a_n, b_0 .. b_m by a factor.
 
-        ``factor`` (K,) is that from each sample on, ``at_end`` (K,) that until then; without a_n where it is slow.
+        ``factor`` (K,) is the value from each sample on, ``at_end`` (K,) just before; ``slow`` leaves a_n out.
         """
         model, last, at_end = self.model, self.states.shape[1] - slow, at_end[:, None]
         held = factor[:, None] * self.states[:, :last]
-        # what moves within a sample is held at its mean: its error is of second order
+        # a signal that varies within a sample is held at its mean, with an error of second order
         held[:-1] = 0.5 * (held[:-1] + at_end[1:] * self.reached[1:, :last])
         own = at_end * self.states[:, : model.structure.zeros + 1]
         return np.hstack([-model.output(held, self.record), own])
 
     @cached_property
     def braked(self) -> FloatArray:
-        """What dry friction makes of the output (J, 1)."""
+        """The change of the output (J, 1) by dry friction."""
         return -self.model.output(np.sign(self.states[:, 1:2]), self.record)[self.before :]
 
     @property
     def level(self) -> FloatArray:
-        """The operating point (K,), of the size one."""
+        """The operating point (K,), scaled to a standard deviation of 1."""
         x = self.states[:, 0]
         return np.asarray(x / max(float(x[self.before :].std()), float(np.finfo(float).tiny)))
 
@@ -160,7 +160,7 @@ class Model:
         self.a, self.b = evidence.estimate[structure.denominator], evidence.estimate[structure.numerator]
 
     def states(self, record: Record) -> FloatArray:
-        """Return x, x' .. and the derivative n of x = 1/A u (K, n + 1)."""
+        """Return x = 1/A u and its derivatives up to the n-th (K, n + 1)."""
         n = self.structure.poles
         full = Structure(n, n, self.structure.delay, feedthrough=True)
         model = AuxiliaryModel(full, self.dt, self.hold)
@@ -169,53 +169,53 @@ class Model:
         return model.run(theta, record).phi[:, full.numerator][:, ::-1].copy()
 
     def output(self, inputs: FloatArray, record: Record) -> FloatArray:
-        """Return B/A of held inputs (K, C), without the dead time, which they have already."""
-        poles = roots(np.append(1.0, self.a))  # those that are not stable are reflected, as in the states
+        """Return the outputs of B/A by held inputs (K, C), without the dead time, which these include already."""
+        poles = roots(np.append(1.0, self.a))  # unstable ones are reflected, as in the states
         stable = np.poly(-np.abs(poles.real) + 1j * poles.imag).real
         plant = TransferFunction(self.b, np.asarray(stable, np.float64))
         return responses(plant, inputs, record, self.dt, "zoh")
 
     def reached(self, states: FloatArray) -> FloatArray:
-        """Return the states (K, n + 1) just before each sample: with a held input the derivative n jumps there."""
+        """Return the states (K, n + 1) just before each sample: with a held input the n-th derivative jumps there."""
         reached = states.copy()
-        if self.hold == "zoh":  # until then it is that of the input of the sample before
+        if self.hold == "zoh":  # until then it follows from the input of the sample before
             reached[1:, -1] = states[:-1, -1] + combined(states[:-1, :-1] - states[1:, :-1], self.a[::-1])
         return reached
 
     def changes_of_response(self, omega: FloatArray) -> npt.NDArray[np.complex128]:
-        """Return what changes of a_0 .. a_n, b_0 .. b_m make of G at frequencies (F,), over G, (F, n + m + 2)."""
+        """Return the relative changes of G at frequencies (F,) by a_0 .. a_n, b_0 .. b_m, (F, n + m + 2)."""
         powers = (1j * omega)[:, None] ** np.arange(self.a.size + 1)
         a, b = powers @ np.append(self.a[::-1], 1.0), powers[:, : self.b.size] @ self.b[::-1]
         return np.hstack([-powers / a[:, None], powers[:, : self.b.size] / b[:, None]])
 
 
 class Depends(NamedTuple):
-    """What is told of coefficients that depend on something."""
+    """The result of a test whether coefficients depend on something."""
 
-    columns: FloatArray  # (J, C): that were looked at
-    far: float  # by how much G surely differs, as a part of it; 0 where nothing is told
-    effect: FloatArray  # (J,): what that makes of the output
+    columns: FloatArray  # (J, C): tested columns
+    far: float  # lower bound of the relative change of G; 0 if not significant
+    effect: FloatArray  # (J,): change of the output
 
 
 def _depends(
     acting: Acting, path: Path, residual: Residual, error: FloatArray, factors: FloatArray, at: FloatArray,
     slope: float = 1.0, *, at_end: FloatArray | None = None, slow: bool = False,
 ) -> Depends | None:  # fmt: skip
-    """Return what a residual of an error tells of coefficients that go with factors (K, S), of G at some (P, S).
+    """Test a residual of an error for coefficients that depend on factors (K, S); G is compared at values (P, S).
 
-    None where the samples are too few; ``slope``: how many times as much of the gain as of its column; ``at_end``
-    (K, S): the factors just before each sample, where they jump there.
+    None if there are too few samples; ``slope``: factor on the changes by a_0 and b_0, see the top of the file;
+    ``at_end`` (K, S): the factors just before each sample, if they jump there.
     """
     evidence, model, rows = acting.evidence, path.model, acting.evidence.known
     chosen = np.ones(model.a.size + model.b.size + 1, bool)
-    chosen[model.a.size] = not slow  # of what changes slowly a_n tells no more than the others do together
+    chosen[model.a.size] = not slow  # for slow changes the column of a_n depends on the others
     both = zip(factors.T, factors.T if at_end is None else at_end.T, strict=True)
     parts = [path.changes(*each, slow=slow) for each in both]
     columns = np.hstack(parts)[path.before :][rows]
     if residual.known.shape[1] + columns.shape[1] > error.size / PER_COEFFICIENT:
         return None
     found = residual.explained(columns)
-    # over time that part of the output's power is the mean square by which G changes
+    # for changes in time this part of the output's power is the mean square of the change of G
     least = NEGLIGIBLE * power_of(evidence, acting.made[rows]) if slow else 0.0
     if not (found.is_sure and found.power > least):
         return Depends(columns, 0.0, np.zeros(error.size))
@@ -224,38 +224,38 @@ def _depends(
     omega, shares = output_spectrum(evidence) if slow else (excited_frequencies(evidence), None)
     changes = model.changes_of_response(omega)
     changes[:, [0, model.a.size + 1]] *= slope
-    # whichever the weights are of those that are no chance
+    # over the whole confidence region of the weights
     chance, far = math.sqrt(chi2_quantile(1.0 - ALPHA, found.roots.shape[1])), 0.0
     for each in at:
         made = np.kron(each, changes[:, chosen])
         size, doubt = np.abs(made @ found.weights), chance * np.linalg.norm(made @ found.roots, axis=1)
-        if shares is not None:  # many columns find some frequency where G seems to differ, whatever is left
+        if shares is not None:  # with many columns G seems to differ at some frequency, by chance
             size, doubt = np.sqrt(shares @ size**2), np.sqrt(shares @ doubt**2)
         far = max(far, float(np.max(size - doubt)))
     return Depends(columns, far, effect)
 
 
 class Told(NamedTuple):
-    """What is to be said of coefficients that depend on something."""
+    """A dependence of coefficients, with the texts for its finding."""
 
-    columns: FloatArray  # (J, C): that were looked at
-    far: float  # by how much G surely differs, as a part of it
+    columns: FloatArray  # (J, C): tested columns
+    far: float  # lower bound of the relative change of G
     reason: str
     advice: str
 
     @property
     def findings(self) -> list[Finding]:
-        """By how much G differs, where that is worth a word."""
+        """The finding on the change of G; none if it is negligible."""
         if not self.far > math.sqrt(NEGLIGIBLE):
             return []
-        # what is of first order tells no more of a larger change
+        # a first-order result does not hold for a larger change
         reason = f"{self.reason.format(percent(min(self.far, 1.0)))}, where the input excites it"
         is_fault = self.far > LARGEST_ERROR
         return [Finding("inconsistent", f"{reason}; {self.advice}") if is_fault else Finding("trusted", reason)]
 
 
 def _of_levels(acting: Acting, path: Path, residual: Residual, known: FloatArray) -> Told:
-    """Return what is told of G at other levels of the record."""
+    """Test whether G depends on the level, within the levels of the record."""
     rows, far, before = acting.evidence.known, 0.0, known.shape[1]
     error = acting.runs.now.error[rows]
     for power in POWERS:
@@ -263,8 +263,8 @@ def _of_levels(acting: Acting, path: Path, residual: Residual, known: FloatArray
             residual = residual_of(acting.evidence, error, known)
         factor = path.level**power
         visited = factor[path.before :][rows]
-        ends = np.quantile(visited, ENDS) - visited.mean()  # the model has the mean
-        # the slope of x^(p + 1), over x^p
+        ends = np.quantile(visited, ENDS) - visited.mean()  # the model describes the mean
+        # power + 1: the slope of x^(p + 1), over x^p
         found = _depends(acting, path, residual, error, factor[:, None], ends[:, None], power + 1.0)
         if found is None:
             break
@@ -273,14 +273,14 @@ def _of_levels(acting: Acting, path: Path, residual: Residual, known: FloatArray
 
 
 def _of_direction(acting: Acting, path: Path, known: FloatArray) -> Told | None:
-    """Return what is told of G on the way up and on the way down; None where the samples are too few."""
+    """Test whether G depends on the direction; None if there are too few samples."""
     rows = acting.evidence.known
     factor = np.sign(path.states[:, 1:2])
     visited = factor[path.before :][rows]
     error = acting.runs.now.error[rows]
     residual = residual_of(acting.evidence, error, np.hstack([known, path.braked[rows]]))
     ends = np.array([[visited.min()], [visited.max()]]) - visited.mean()
-    # of one pole x' jumps with the input, which in feedback answers the noise of the same sample
+    # with one pole x' jumps with the input, which in feedback answers the noise of the same sample
     at_end = np.sign(path.reached[:, 1:2])
     found = _depends(acting, path, residual, error, factor, ends, at_end=at_end)
     if found is None:
@@ -289,7 +289,7 @@ def _of_direction(acting: Acting, path: Path, known: FloatArray) -> Told | None:
 
 
 def _of_time(acting: Acting, path: Path, residual: Residual) -> Told | None:
-    """Return what is told of G at other times; None where that is said already, or the samples are too few."""
+    """Test whether G depends on the time; None if a change has been found already, or there are too few samples."""
     evidence, rows = acting.evidence, acting.evidence.known
     error = acting.runs.now.error[rows]
     waves = min(WAVES, int(error.size / PER_COEFFICIENT - residual.known.shape[1]) // evidence.coefficients)
@@ -307,7 +307,7 @@ def _of_time(acting: Acting, path: Path, residual: Residual) -> Told | None:
 
 
 def _of_friction(acting: Acting, path: Path, residual: Residual) -> list[Finding]:
-    """Say where dry friction explains a part of the residual, and what that changes."""
+    """Return a finding if dry friction explains a part of the residual and changes the coefficients."""
     braked = path.braked[acting.evidence.known]
     found = residual.explained(braked)
     if not (found.is_sure and found.weights[0] > 0.0):

@@ -1,17 +1,17 @@
-"""Judge: runs every test on the evidence, words its findings, and makes the verdict of them.
+"""The judgement: run all tests on the evidence and combine their findings to a verdict.
 
 A model is trusted if
 
 * the newest samples excite the plant;
 * an estimate that has not used them explains them from the input alone;
 * the input cannot explain any more of the residual, and the residual is not larger than before;
-* the estimate has a small uncertainty and no longer moves.
+* the estimate has a small uncertainty and has stopped moving.
 
-Under a controller the input answers the residual.  A right model is trusted then, too, if the noise model whitens the
-residual, or if a reference explains nothing of it.  An unstable model is trusted with a reference alone.
+Under a controller the input answers the residual.  A right model is then trusted if the noise model whitens the
+residual, or if a reference explains nothing of it.  An unstable model is trusted only with a reference.
 
-A wrong sampling time is found from time stamps only: without them the record is that of another plant in another unit
-of time.
+A wrong sampling time is found from time stamps only: without them the record fits another plant, with time in another
+unit.
 
 Source: Ljung (1999), "System Identification: Theory for the User", chapter 16; Soderstrom and Stoica (1989), "System
 Identification", chapter 11.
@@ -69,8 +69,8 @@ from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, per
 POOREST_FIT = 10.0  # simulated fit below which the input explains next to nothing: noise has four times its power [%]
 WORST_FIT = -1000.0  # simulated fit below which fits are not told apart in words [%]
 DISAGREES = 0.5 * math.sqrt(MATTERS)  # difference of estimates that a right structure makes equal [part of the output]
-FEWEST_MOVING = 500  # before the input rests, to speak for a model: those of the default's start-up [samples]
-MANY = 10  # from which on a model may be tested on those that it was made from [samples that a test needs]
+FEWEST_MOVING = 500  # samples before a rest for a verdict from all of them: those of a default start-up [samples]
+MANY = 10  # samples from which on a model may be tested on those that it was made from [samples that a test needs]
 BEFORE = "the model was trusted when the input came to rest, and the output has shown nothing against it since"
 
 Figures = dict[str, Any]
@@ -85,11 +85,11 @@ def judge(evidence: Evidence) -> Assessment:
         evidence = evidence.as_whole()
     verdict = _judged(evidence)
     if verdict.excited:
-        # solved as a whole at the end, as by `fit`, the record says more of it than a verdict on an earlier estimate
+        # a solution of the whole record, as by `fit`, is better tested by all samples than by an earlier estimate
         if evidence.finished and not evidence.in_sample and verdict.status != "trusted":
             return _judged(evidence.as_whole())
         return verdict
-    # the newest samples cannot tell whether the model is right: all samples may, or the verdict from before the rest
+    # the newest samples cannot decide whether the model is right: all samples may, or the verdict from before the rest
     objections = _of_samples(evidence) + _of_guard(evidence)
     if evidence.was_trusted and not any(found.status in ("diverged", "inconsistent") for found in objections):
         return replace(verdict, status="trusted", reasons=(BEFORE, verdict.reasons[0]))
@@ -101,11 +101,11 @@ def judge(evidence: Evidence) -> Assessment:
 
 
 def _judged(evidence: Evidence) -> Assessment:
-    """Return the verdict by the samples held out, or by all where none is."""
+    """Return the verdict by the samples held out, or by all if none is held out."""
     figures: Figures = {"samples": evidence.samples, "held_out": evidence.held_out}
     findings, in_favour = _of_samples(evidence), ""
     stop = any(finding.status != "converging" for finding in findings) or evidence.counted < evidence.enough
-    stop = stop or not evidence.used[evidence.known].any()  # an output that was never measured says nothing
+    stop = stop or not evidence.used[evidence.known].any()  # no output was measured
     reference, doubts = (None, []) if stop else Reference.of(evidence)
     runs = None if stop else Runs.of(evidence, None if reference is None else reference.explained)
     if not stop and runs is None:
@@ -114,10 +114,10 @@ def _judged(evidence: Evidence) -> Assessment:
     if runs is not None:
         found = sensor_and_excitation.excitation(runs.now, evidence.newest)
         figures |= {"condition": found.condition, "excitation": found.share}
-        # each report of an output that is held looks like a sensor that was stuck since the one before
+        # an output that is held between reports looks like a stuck sensor
         held = held_output_findings((evidence, runs))
         findings += held or _of_sensor(evidence, runs)
-        # what the comparison with the model names is not named again
+        # a fault that the comparison with the model has named is not named again
         named = bool(held) or any(each.status != "trusted" for each in findings)
         evidence = replace(evidence, stuck=evidence.stuck and not named)
         if not (_lacks_excitation(findings) or _shares_root(evidence, found.condition)):
@@ -129,12 +129,12 @@ def _judged(evidence: Evidence) -> Assessment:
     findings += _of_guard(evidence)
     figures["excited"] = not _lacks_excitation(findings)
     verdict = Assessment(*conclude(findings, in_favour), **figures)
-    # more samples do not make a model right that they speak against
+    # more samples do not make an inconsistent model right
     return without_longer(verdict) if verdict.status == "inconsistent" else verdict
 
 
 def _shares_root(evidence: Evidence, condition: float) -> bool:
-    """Return whether a pole that a zero may cancel is why a condition number is too large, and not the input."""
+    """Return whether a pole that a zero may cancel explains too large a condition number, and not the input."""
     covariance = evidence.covariance
     return (
         condition >= sensor_and_excitation.WORST_CONDITION
@@ -206,7 +206,7 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
 def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Return the faults of the sensor, found by comparison with the model's output."""
     y, newest = evidence.raw, np.arange(evidence.samples)[evidence.newest]
-    newest = newest[evidence.record.is_measured[newest]]  # else y is the model's
+    newest = newest[evidence.record.is_measured[newest]]  # the others have the model's output
     if not newest.size:
         return []
     modelled = evidence.record.y - runs.old.error
@@ -239,10 +239,10 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *sensor_and_excitation.burst_finding(evidence, runs),
         *_disagreement(max(evidence.disagreement, certainty.disagreement)),
     ]
-    if certainty.improves:  # the present estimate may explain what the earlier one does not
+    if certainty.improves:  # the present estimate may explain what the earlier one did not
         model = [Finding(max(found.status, "converging", key=STATUSES.index), found.reason) for found in model]
     held = [] if loop.reference is not None else hold_findings(evidence, runs)
-    # an input that acts half a sample earlier than it was taken to act seems to answer the residual
+    # an input with a wrong hold acts half a sample early, and then seems to answer the residual
     return (held or loop.findings + direct_findings(acting)) + model + certainty.findings
 
 
@@ -259,7 +259,7 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
     used = evidence.used[evidence.newest]
     figures["whiteness"] = whiteness(np.where(used, runs.error, np.nan))
     shown = np.where(used, y, np.nan)
-    if loop.reference is not None:  # in feedback the rest is the disturbances', and may be the larger part
+    if loop.reference is not None:  # in feedback the rest comes from disturbances, and may be the larger part
         fit = loop.reference.fit(runs.old.error, evidence.newest)
     elif evidence.unstable_pole > 0.0:  # from the input alone it diverges
         fit = fit_percent(shown, y - one_step(np.where(used, runs.error, np.nan)))
@@ -284,14 +284,14 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
 
 
 def _how_run(evidence: Evidence, loop: Loop) -> str:
-    """Return in words how the model was run for its fit."""
+    """Return how the model was run for its fit, in words."""
     if loop.reference is not None:
         return "in what the reference explains of the output"
     return "one step ahead" if evidence.unstable_pole > 0.0 else "simulated from the input alone"
 
 
 def _unexplained(acting: Acting, figures: Figures) -> list[Finding]:
-    """Say what other dynamics, or the reference, could still explain of the residual."""
+    """Return a finding on what other dynamics, or the reference, could still explain of the residual."""
     evidence, runs, loop = acting.evidence, acting.runs, acting.loop
     closed = loop.feedback.found
     if loop.reference is not None:  # in feedback the input may explain what the noise model leaves
@@ -315,7 +315,7 @@ def _unexplained(acting: Acting, figures: Figures) -> list[Finding]:
 
 
 def _unexplained_before(evidence: Evidence, runs: Runs) -> list[Finding]:
-    """Say what the earlier estimate leaves of samples that it has not used, where that matters."""
+    """Return a finding if the input explains much of the earlier estimate's residual in samples it has not used."""
     part = unexplained_before(evidence, runs) if evidence.held_out and evidence.used[evidence.newest].any() else None
     if part is None or not (part.is_sure and part.is_large):
         return []
@@ -331,6 +331,6 @@ def _in_favour(evidence: Evidence, loop: Loop, figures: Figures) -> str:
     std = f"; its denominator's coefficients have standard deviations up to {percent(uncertainty)}"
     std = "" if math.isinf(uncertainty) else std + slow_noise(evidence, uncertainty)
     explains = f"the model fits the output to {fit:.1f} %"
-    if fit < POOREST_FIT:  # with a reference alone, where `_fit` lets it pass
+    if fit < POOREST_FIT:  # possible with a reference only, see `_fit`
         explains = "what the model leaves may be chance"
     return f"{_how_run(evidence, loop)} over {evidence.span} ({which}), {explains}{std}"

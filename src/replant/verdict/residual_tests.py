@@ -1,25 +1,25 @@
-r"""Tests of a model's residual by the score test (`numerics.score_test`), and of the loop in which it was made.
+r"""Tests of a model's residual by the score test (`numerics.score_test`), and of the loop in which it was recorded.
 
 | alternative | columns of its score test |
 |---|---|
 | other dynamics | the input, the simulated output and their states, delayed by powers of two samples |
 | the reference explains more | Laguerre functions of it |
-| another column of the file | those of other dynamics, made of it (`other_columns`) |
+| another column of the file | those of other dynamics, by this column (`other_columns`) |
 | actuator, hold, dead time | see `input_faults` |
 | a plant that is not linear | see `plant_faults` |
 
-Under feedback the input answers the residual of a right model, too, at once and later, as is told by
-`replant.estimation.solver.feedback_test`: the columns of a sample then hold only what was known before it (of a model
-with a direct path one sample late).
+Under feedback the input answers the residual of a right model, too, at once and later; this is tested by
+`replant.estimation.solver.feedback_test`.  The columns of a sample then use only what was known before it (for a model
+with a direct path they are one sample late).
 
-A reference r is applied from outside: a set-point, a dither.  It depends on no noise, so what it explains of a residual
-is the model's fault whatever the noise is, in feedback as well.  It is represented by the states of discrete Laguerre
-functions of it, as where the instruments are made.  The part of the whitened residual that the states explain, over the
-residual's variance, is :math:`\chi^2`: Hansen's J of instrumental variables.  Its degrees of freedom are the columns;
-of samples that the estimate was made from, less the coefficients.
+A reference r is applied from outside: a set-point, a dither.  It is independent of the noise, so that the part of a
+residual that it explains is an error of the model, for any noise and also in feedback.  It is represented by the states
+of its discrete Laguerre functions, as for the instruments.  The part of the whitened residual that the states explain,
+over the residual's variance, is :math:`\chi^2`: Hansen's J of instrumental variables.  Its degrees of freedom are the
+columns, minus the coefficients if the estimate was made from the same samples.
 
-Whether a reference depends on the noise is told as for the input, by whether it answers the residual.  What is taken
-away before is the reference's past alone: the input's past joins it to the noise, as both move the input.
+Whether a reference depends on the noise is tested as for the input: whether it answers the residual.  Only the
+reference's own past is projected out: the input's past would correlate it with the noise, as both move the input.
 
 Sources: Hansen (1982), "Large sample properties of generalized method of moments estimators", Econometrica 50; Van den
 Hof and Schrama (1993), "An indirect method for transfer function estimation from closed loop data", Automatica 29.
@@ -60,7 +60,7 @@ COLOURED = (
 
 
 def power_of(evidence: Evidence, output: FloatArray) -> float:
-    """Return the variance of an output (K,) over the samples of ``evidence.known`` that are used; never zero."""
+    """Return the variance of an output (K,) over the used samples of ``evidence.known``; never zero."""
     return max(float(np.var(output[evidence.used[evidence.known]])), float(np.finfo(float).tiny))
 
 
@@ -71,7 +71,7 @@ def residual_of(evidence: Evidence, error: FloatArray, known: FloatArray) -> Res
 
 
 def known_columns(evidence: Evidence, run: ModelRun) -> FloatArray:
-    """Return what has had its part of the residual (K, N): the slopes only of an estimate made from the samples."""
+    """Return the known columns (K, N): nuisances, and the slopes if the estimate was made from the samples."""
     rows = evidence.known
     fitted = evidence.adapts and evidence.instruments
     return np.hstack([run.zeta[rows], run.nuisances[rows]]) if fitted else run.nuisances[rows]
@@ -80,7 +80,7 @@ def known_columns(evidence: Evidence, run: ModelRun) -> FloatArray:
 def unexplained(
     evidence: Evidence, runs: Runs, *, feedback: bool = False, known: FloatArray | None = None
 ) -> Explained:
-    """Return what other dynamics could explain, beside further known columns (K, N); under feedback by the past."""
+    """Return what other dynamics could explain, beside further ``known`` columns (K, N); in feedback by the past."""
     run, rows = runs.now, evidence.known
     error, own = run.error[rows], known_columns(evidence, run)
     residual = residual_of(evidence, error, own if known is None else np.hstack([own, known]))
@@ -89,14 +89,14 @@ def unexplained(
 
 
 def unexplained_before(evidence: Evidence, runs: Runs) -> Explained:
-    """Return what the input could explain of what the earlier estimate leaves of the samples that it has not used."""
+    """Return what the input could explain of the earlier estimate's residual over the samples that it has not used."""
     newest, run = replace(evidence, follows=True), runs.old  # `known` is then what was held out
     rows = newest.known
     residual = residual_of(newest, run.error[rows], run.nuisances[rows])
-    # other coefficients are no less a fault of it than other dynamics are, as of a plant that has changed
+    # other coefficients count as other dynamics do: the plant may have changed
     found = residual.explained(np.hstack([dynamics(newest, run), run.zeta[rows]]))
     part = found.of_output(evidence.record.y[rows], run.error[rows], newest.used[rows])
-    # its own error counts as samples held out over samples learned
+    # the variance of the estimate adds as samples held out over samples learned
     return replace(part, statistic=part.statistic / (1.0 + evidence.held_out / max(evidence.learned, 1)))
 
 
@@ -106,7 +106,7 @@ def dynamics(evidence: Evidence, run: ModelRun, *, feedback: bool = False) -> Fl
 
 
 def answer(evidence: Evidence, run: ModelRun, signal: FloatArray, first: int = 0) -> Feedback:
-    """Return how a signal (K,) answers a run's residual, from the one so many samples before on."""
+    """Return how a signal (K,) answers a run's residual, from lag ``first`` on."""
     rows, used = evidence.known, evidence.used[evidence.known]
     error = run.error[rows] - run.error[rows][used].mean()
     w = np.zeros(signal.size)
@@ -118,7 +118,7 @@ def answer(evidence: Evidence, run: ModelRun, signal: FloatArray, first: int = 0
 
 
 def colour_left(error: FloatArray, past: IntArray) -> float:
-    """Return the portmanteau statistic of a residual (K,) after its noise model, over its limit; NaN is not known."""
+    """Return the portmanteau statistic of a residual (K,) whitened by its noise model, over its limit; NaN: unused."""
     used = np.isfinite(error)
     error = np.where(used, error - error[used].mean(), 0.0)
     model = Autoregression.of_residual(error, past, int(used.sum()))
@@ -127,7 +127,7 @@ def colour_left(error: FloatArray, past: IntArray) -> float:
 
 
 def fault_of(r: FloatArray, u: FloatArray) -> str:
-    """Return why a signal (K,) can be no reference of an input (K,), before what it explains is looked at; else "".
+    """Return why a signal (K,) cannot be a reference of an input (K,): it is constant, or a copy; else "".
 
     >>> u = np.sin(np.arange(9.0))
     >>> fault_of(np.ones(9), u), fault_of(2.0 * u + 1.0, u), fault_of(np.arange(9.0), u)
@@ -145,12 +145,12 @@ class Reference:
 
     states: FloatArray  # (K, 12): Laguerre functions of the reference, means subtracted
     input: FloatArray  # (K,): u_r, the part of the input that they explain, its mean subtracted
-    output: FloatArray  # (K,): y_r
-    strength: float  # statistic of what they explain of the input, over its limit
+    output: FloatArray  # (K,): y_r, the same of the output
+    strength: float  # statistic of the part of the input that they explain, over its limit
 
     @classmethod
     def of(cls, evidence: Evidence) -> tuple[Reference | None, list[Finding]]:
-        """Return what the reference explains, None where there is none or it is of no use, and why it is of none."""
+        """Return what the reference explains, None if there is none or it is unusable, and findings on the reason."""
         r, u = evidence.record.r, evidence.record.u
         if r is None:
             return None, []
@@ -185,11 +185,11 @@ class Reference:
 
     @property
     def explained(self) -> FloatArray:
-        """What the reference explains of input and output, (K, 2)."""
+        """The parts (K, 2) of input and output that the reference explains."""
         return np.column_stack([self.input, self.output])
 
     def fit(self, error: FloatArray, rows: slice) -> float:
-        """Return the fit [%] of what the reference makes of the output: what it explains of the error spoils it."""
+        """Return the fit [%] to ``output``; of the error, the part that the reference explains counts."""
         functions = np.column_stack([self.states[rows], np.ones(error[rows].size)])
         left, made = math.sqrt(explained_power(functions, error[rows])), float(self.output[rows].std())
         return 100.0 * (1.0 - left / made) if made > 0.0 else float("nan")
@@ -198,9 +198,9 @@ class Reference:
 def unexplained_by_reference(
     evidence: Evidence, run: ModelRun, reference: Reference, known: FloatArray | None = None
 ) -> Explained:
-    """Return what a reference could explain by its states, as part of the power it makes of the output.
+    """Return what the states of a reference could explain, as part of the output power by the reference.
 
-    What is known beside them, (K, N), stands in place of what the estimate has spent.
+    Columns ``known`` (K, N) are projected out; without them the estimate's degrees of freedom are subtracted.
     """
     rows = evidence.known
     error = run.error[rows]
@@ -212,12 +212,12 @@ def unexplained_by_reference(
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """What the samples tell of a controller that closes a loop."""
+    """The result of the tests for a controller that closes a loop."""
 
     feedback: Feedback  # how the input answers the residual
-    reference: Reference | None  # None where there is none, or it is of no use
+    reference: Reference | None  # None if there is none, or it is unusable
     findings: list[Finding]
-    is_direct: bool = False  # whether what answers, at once, is the plant, or the recorder, and no controller
+    is_direct: bool = False  # whether a direct path, or the recording, causes the answer at once, and no controller
 
     @property
     def is_closed(self) -> bool:
@@ -226,7 +226,7 @@ class Loop:
 
     @classmethod
     def of(cls, evidence: Evidence, runs: Runs, reference: Reference | None, doubts: list[Finding]) -> Loop:
-        """Test for feedback, and whether the reference is one; ``doubts`` are the findings on it so far."""
+        """Test for feedback, and the reference for dependence on noise; ``doubts``: the findings on it so far."""
         feedback = answer(evidence, runs.now, evidence.record.u, first=int(runs.now.is_direct))
         findings, left = list(doubts), evidence.tested(runs.now.error)[evidence.known]
         r = evidence.record.r

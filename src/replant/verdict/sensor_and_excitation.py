@@ -1,4 +1,4 @@
-r"""Tests of the record itself: whether it excites the plant, whether sensor and clock are well, whether it changes.
+r"""Tests of the record: excitation of the plant, faults of sensor and clock, and growth of the residual.
 
 The information matrix of the coefficients is :math:`\sum \zeta\zeta^T` over the instruments (the slopes of the
 simulated output along a and b), offset and initial state eliminated, each entry scaled by its size over all samples.
@@ -29,10 +29,10 @@ from replant.verdict.estimate_tests import MOST_UNCERTAIN, MOVED_SIGMAS
 from replant.verdict.evidence import FEWEST, ROUNDING, Evidence, Runs
 from replant.verdict.verdict import Finding, duration, figure, percent
 
-WORST_CONDITION = 1e7  # of the scaled regressors: its square leaves two digits of float64's sixteen [ratio]
-LEAST_SHARE = MATTERS  # of the newest samples' information, else deviations are ten times as large [part of the usual]
-SURE = 4.0  # growth of the residual's power that is no chance: 3e-5 [standard deviations of its logarithm]
-BLOCKS = (32, 64, 128, 256, 512)  # newest stretches in which a failure is looked for, violent or mild [samples]
+WORST_CONDITION = 1e7  # condition of the scaled instruments: its square leaves 2 digits of float64's 16 [ratio]
+LEAST_SHARE = MATTERS  # information of the newest samples: less makes deviations ten times as large [part of usual]
+SURE = 4.0  # significant growth of the residual's power: by chance 3e-5 [standard deviations of its logarithm]
+BLOCKS = (32, 64, 128, 256, 512)  # newest stretches in which a failure is searched, strong or weak [samples]
 FEWEST_BLOCKS, BURST = 8, 2.0  # earlier stretches as long, and ratio to the largest: by chance 3e-5 [count; ratio]
 FEW = 4  # of a block's samples one in so many must be known [count]
 BURST_MATTERS = 0.05
@@ -40,7 +40,7 @@ BURST_MATTERS = 0.05
 Origin: a choice of what matters to a user, above MATTERS as one stretch is short.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
-PARTS = 25  # of a residual, whose scatter tells how sure its power is, to a seventh [count]
+PARTS = 25  # parts of a residual, whose scatter gives the uncertainty of its power to a seventh [count]
 BINARY = 3  # values of a binary input that rests between its moves [count]
 CHANGING = "the plant seems to change all along, or not to be linear: identify shorter parts by themselves"
 LOADS_ACT = "another load acts since {}: offset and initial state are new there"  # {}: `times_after`
@@ -63,7 +63,7 @@ class Excitation:
 
     @property
     def findings(self) -> list[Finding]:
-        """What the input lacks."""
+        """The finding if the input lacks excitation."""
         if not self.condition < WORST_CONDITION:
             figure = "infinite" if math.isinf(self.condition) else f"{self.condition:.1e}"
             reason = f"the input does not excite every coefficient (condition number {figure}): move it more"
@@ -76,10 +76,10 @@ class Excitation:
 
 
 def excitation(run: ModelRun, newest: slice) -> Excitation:
-    """Return the excitation over a run, and over its ``newest`` samples as a part of that."""
+    """Return the excitation over a run, and that of its ``newest`` samples relative to all."""
     zeta = without(run.zeta, run.nuisances)
     lengths = np.linalg.norm(zeta, axis=0)
-    # of a column that the nuisances explain completely, only rounding is left
+    # only rounding is left of a column that the nuisances explain completely
     if not (lengths > TAKEN_AWAY * np.linalg.norm(run.zeta, axis=0)).all():
         return Excitation(math.inf, 0.0)
     scaled = zeta / lengths * math.sqrt(len(zeta))
@@ -94,7 +94,7 @@ def excitation(run: ModelRun, newest: slice) -> Excitation:
 
 
 def guard_findings(missing: float, stuck: bool, grown: float, undecided: bool, then: str = "") -> list[Finding]:
-    """Return what the monitoring says: for how long, in s, no output has come and the residual has grown; 0 for not."""
+    """Return the findings of the monitoring; ``missing``, ``grown``: s without output, with a grown residual, or 0."""
     findings = []
     if missing:
         reason = f"no output has arrived for {duration(missing)}, only the input: check the sensor and its cable"
@@ -112,20 +112,20 @@ def guard_findings(missing: float, stuck: bool, grown: float, undecided: bool, t
 
 
 def rested(seconds: float) -> str:
-    """Return what is said of an input that moved before so long a rest."""
+    """Return the reason for an input that has moved, but has rested for the last ``seconds``."""
     return f"the input has rested for the last {duration(seconds)} and more: move it to learn more"
 
 
 def clock_finding(usual: float, dt: float) -> list[Finding]:
     """Return a finding if time stamps that are ``usual`` s apart contradict the sampling time ``dt``."""
-    if abs(usual / dt - 1.0) <= MOST_UNCERTAIN:  # the coefficients are off by as much
+    if abs(usual / dt - 1.0) <= MOST_UNCERTAIN:  # the coefficients have errors of this size
         return []
     reason = f"the time stamps are {usual:.3g} s apart where dt says {dt:.3g} s: one of them is wrong"
     return [Finding("inconsistent", reason)]
 
 
 def burst_of_stamps_finding(record: Record) -> list[Finding]:
-    """Return a finding if the gaps of a record leave so few samples between them that each has a state of its own."""
+    """Return a finding if a record has so many gaps that its parts are too short for initial states of their own."""
     parts, samples = len(record.parts), record.u.size
     if parts == 1 or samples >= PER_COEFFICIENT * parts:
         return []
@@ -135,7 +135,7 @@ def burst_of_stamps_finding(record: Record) -> list[Finding]:
 
 
 def level_finding(u: FloatArray, y: FloatArray) -> list[Finding]:
-    """Return a finding if the output looks like an input: it has a few levels only, while the input has many."""
+    """Return a finding if the output has two or three values only while the input has more, as an input would."""
     levels, others = np.unique(y).size, np.unique(u).size
     if not 1 < levels <= BINARY < others:
         return []
@@ -144,14 +144,14 @@ def level_finding(u: FloatArray, y: FloatArray) -> list[Finding]:
 
 
 def is_resolved(y: FloatArray, noise: float) -> bool:
-    """Return whether noise of standard deviation ``noise`` keeps two samples in a row from being equal."""
+    """Return whether noise of standard deviation ``noise`` prevents equal outputs in a row."""
     return noise > ROUNDING * float(y.std()) and never_ties(y)
 
 
 def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -> list[Finding]:
     """Return a finding if the output stays at an end of its scale while the model's output goes beyond."""
-    # where an output turns round, however coarse its scale, the model is as far; where it is cut off, the model is
-    # farther out than rounding explains, and leaves the scale
+    # at a turning point the model's output is as far out, for any coarse scale; where the output is cut off, the model
+    # is farther out than rounding explains, and leaves the scale
     values, counts = np.unique(y, return_counts=True)
     tied = values[counts >= MANY]
     for end, outwards in ((tied[:1], -1.0), (tied[-1:], 1.0)):
@@ -159,20 +159,20 @@ def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -
             continue
         there, inside = y == end[0], outwards * (y - end[0]) < 0.0
         nearest = outwards * float((outwards * y[inside]).max(initial=-math.inf))
-        if not np.count_nonzero(there) > np.count_nonzero(y == nearest):  # what is cut off piles up; a tail thins out
+        if not np.count_nonzero(there) > np.count_nonzero(y == nearest):  # a cut-off piles up; a tail thins out
             continue
         power = min(2, np.unique(y[inside]).size - 1)
         if power < 1:
             continue
-        # by the output, not the other way round: what is cut off then changes nothing of what is left
+        # the model as a function of the output, not the other way round: the cut-off then does not bias the curve
         usual = np.polynomial.Polynomial.fit(y[inside], modelled[inside], power)
-        # past the values that it is fitted to the curve says nothing: the model is as far off there as at their end
+        # no extrapolation: at the end of the scale the model's error is taken from the nearest value inside
         past_end = outwards * (modelled[there] - end[0])
         beyond, farthest = float(past_end.mean()) - outwards * (float(usual(nearest)) - nearest), float(past_end.max())
         visits = int(np.count_nonzero(np.diff(there, prepend=False) & there))
         chance = MOVED_SIGMAS * robust_std(modelled[inside] - usual(y[inside])) / math.sqrt(visits)
-        least = max(chance, 0.5 * usual_step(y), ROUNDING * float(y.std()))  # a rounded output is half a step off
-        # a model that errs inside of the scale, as of another dead time, never leaves it
+        least = max(chance, 0.5 * usual_step(y), ROUNDING * float(y.std()))  # rounding has errors of half a step
+        # a model with errors inside the scale, as by a wrong dead time, does not leave it
         if min(beyond, farthest) > least:
             share = (
                 f"{percent(float(there.mean()))} of the newest {y.size} samples lie exactly at an extreme of the output"
@@ -183,14 +183,14 @@ def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -
 
 
 def end_finding(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: float, seconds: FloatArray) -> list[Finding]:
-    """Return a finding if the end of a record is filled up with a constant that the output takes nowhere else."""
+    """Return a finding if the end of a record is filled up with a constant that the output hardly takes before."""
     begin = int(still_runs(y)[-1, 0])
     if begin < 1 or y.size - begin < MANY or np.count_nonzero(y[:begin] == y[-1]) >= MANY:
         return []
     least = max(MOVED_SIGMAS * noise, STEPS * usual_step(y), ROUNDING * float(y.std()))
     jump = abs(float(y[begin] - y[begin - 1] - (modelled[begin] - modelled[begin - 1])))
     rests = np.diff(still_runs(u))[:, 0]
-    held = rests[-1] > rests[:-1].max(initial=0)  # for longer than ever before
+    held = rests[-1] > rests[:-1].max(initial=0)  # longer than ever before
     if not (jump > least or (held and float(np.ptp(modelled[begin:])) > least)):
         return []
     lasted = duration(float(seconds[-1] - seconds[begin - 1]))
@@ -202,9 +202,9 @@ def end_finding(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: float
 def stuck_finding(
     y: FloatArray, modelled: FloatArray, noise: float, resolved: bool, seconds: FloatArray, unit: float = 1.0
 ) -> list[Finding]:
-    """Return a finding if the output was lately constant to the bit while the model's output moved."""
+    """Return a finding if the output was constant to the bit for a while in which the model's output moved."""
     rounding = ROUNDING * float(y.std())
-    # on a fine scale, where ties are no chance, one standard deviation is enough, as in the recursion
+    # on a fine scale ties are no chance, and one standard deviation is enough, as in the recursion
     least = max((1.0 if resolved else MOVED_SIGMAS) * noise, STEPS * usual_step(y), rounding)
     runs = still_runs(y)
     for begin, end in runs[runs[:, 1] - runs[:, 0] >= MANY][::-1]:
@@ -219,23 +219,23 @@ def stuck_finding(
 
 
 def changed_finding(seconds: float) -> Finding:
-    """Return the finding that no one model explains a record, so long before its end."""
+    """Return the finding that the plant has changed ``seconds`` before the end of a record."""
     reason = f"the plant seems to have changed {duration(seconds)} before the end"
     return Finding("inconsistent", f"{reason}: identify the parts before and since by themselves")
 
 
 def followed_finding(seconds: float) -> Finding:
-    """Return the finding that an estimate has followed a change of the plant, so long ago."""
+    """Return the finding that an estimate has followed a change of the plant ``seconds`` ago."""
     return Finding("trusted", f"the plant changed {duration(seconds)} ago: the estimate is that of the samples since")
 
 
 def times_after(seconds: Sequence[float]) -> str:
-    """Return in words how long after the first sample something happened, perhaps several times."""
+    """Return the times of one or more events after the first sample, in words."""
     return f"{', '.join(duration(each) for each in seconds)} after the first sample"
 
 
 def left_out_finding(samples: int) -> list[Finding]:
-    """Return what a solution says of so many outputs that it was made without, because the sensor gave none."""
+    """Return a finding on the number of outputs that were left out, as the sensor was stuck or at its limit."""
     if not samples:
         return []
     reason = f"{samples} outputs were left out: the sensor was stuck or at its limit, they are filled up, or"
@@ -245,7 +245,7 @@ def left_out_finding(samples: int) -> list[Finding]:
 def growth_finding(
     evidence: Evidence, runs: Runs, figures: dict[str, Any], *, referenced: bool = False
 ) -> list[Finding]:
-    """Return a finding if the residual grew over the samples held out, or the last quarter, beyond what is usual."""
+    """Return a finding if the residual has grown over the samples held out, or else over the last quarter."""
     if evidence.follows:
         return []
     count = evidence.held_out or evidence.samples // 4
@@ -255,11 +255,11 @@ def growth_finding(
         return []
     figures["growth"], sigmas = growth(before, after, evidence.usual_power)
     more = float(np.var(after)) - max(float(np.var(before)), evidence.usual_power)
-    if referenced:  # in a loop a drifting load makes it large at times; a change shows once it is whitened, too
+    if referenced:  # in a loop a drifting load may enlarge the residual; a change also enlarges the whitened one
         white = innovations(evidence.tested(runs.old.error))
         before, after = (part[np.isfinite(part)] for part in (white[:begin], white[begin:]))
         sigmas = min(sigmas, growth(before, after)[1]) if min(before.size, after.size) >= FEWEST else 0.0
-    # of a record that has ended the contest of its parts tells better whether the plant has changed
+    # for a record that has ended, comparing models of its parts is the better test for a change
     if evidence.finished or sigmas < SURE or not more > MATTERS * runs.power:
         return []
     span = f"the last {duration(evidence.seconds(count))}"
@@ -268,7 +268,7 @@ def growth_finding(
 
 
 def growth(before: FloatArray, after: FloatArray, usual: float = 0.0) -> tuple[float, float]:
-    """Return the ratio of a residual's power after to that before, or ``usual``, and its logarithm in deviations."""
+    """Return the ratio of a residual's powers after and before (at least ``usual``), and its log in deviations."""
     first, second = before - before.mean(), after - after.mean()
     p, q = max(float(np.mean(first**2)), usual), float(np.mean(second**2))
     if not (p > 0.0 and q > 0.0):
@@ -302,7 +302,7 @@ def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
         # earlier blocks may have too few outputs
         if not (last > BURST * largest > 0.0 and last - usual > BURST_MATTERS * runs.power):
             continue
-        # it must stand out once whitened by the samples before: of a residual that drifts any block may be the largest
+        # it must be larger also after whitening by earlier samples: any block of a drifting residual may be the largest
         newest, before, _ = _powers(innovations(error, error.size - count), count)
         if newest > BURST * before:
             span = f"the last {duration(evidence.seconds(count))}"
@@ -313,7 +313,7 @@ def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 
 def _powers(error: FloatArray, count: int) -> tuple[float, float, float]:
-    """Return the power of an error (K,) over its newest block, the largest of earlier ones, and the median; no NaN."""
+    """Return the power of an error (K,) over its newest block, the largest earlier one, and the median; skip NaN."""
     blocks = error.size // count
     known = np.isfinite(error)
     squares = np.where(known, (error - np.median(error[known])) ** 2, 0.0) if known.any() else np.zeros(error.size)

@@ -1,15 +1,15 @@
-"""Verdict: the value that a judgement results in, its reasons and figures; the two numbers behind all tests."""
+"""Verdict: the result of a judgement, its reasons and figures, and how figures are written in reasons."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-#: The statuses, the gravest first.  The verdict has that of its gravest finding.
+#: The statuses, the gravest first.  A verdict has the status of its gravest finding.
 STATUSES = ("diverged", "not excited", "inconsistent", "converging", "trusted")
 
-LEAST_PERCENT = 0.01  # part below which a figure in a reason tells nothing more [%]
-MOST_FIGURE = 1e4  # figure beyond which it tells nothing more [number]
+LEAST_PERCENT = 0.01  # part below which a reason gives this bound instead [%]
+MOST_FIGURE = 1e4  # figure above which a reason gives this bound instead [number]
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class Verdict:
     reasons : tuple of str
         In plain words, with figures; the gravest first.
     excited : bool
-        Whether the newest samples can tell anything of the model, and the estimate can learn from them.  Where they
-        cannot, as while the input rests, the verdict is that of all samples kept, or of those before the rest.
+        Whether the newest samples carry information on the model.  If not, as while the input rests, the verdict is
+        that of all samples kept, or that from before the rest.
     """
 
     status: str
@@ -33,36 +33,37 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Assessment(Verdict):
-    """A verdict with the figures that it was made from; NaN where a figure is not known.
+    """A verdict with the figures that it was made from; NaN: not known.
 
     Attributes
     ----------
     samples : int
         Samples examined.
     held_out : int
-        How many of them, the newest, the tested estimate had not used; 0: it had used all.
+        Number of newest samples that the tested estimate had not used; 0: it had used all.
     fit : float
         Simulated fit in percent over the samples held out (or all): the model run from the input alone, with offset and
-        initial state estimated.  With a reference: how much of what that makes of the output the model explains.  Of an
-        unstable model without a reference: the fit one step ahead.
+        initial state estimated.  With a reference: the fit to the part of the output that the reference explains.  For
+        an unstable model without a reference: the fit one step ahead.
     condition : float
         Condition number of the scaled instruments over the samples examined, offset and initial state eliminated.
     excitation : float
-        Smallest eigenvalue of the scaled information matrix of the samples held out, over that of all samples: 1 where
+        Smallest eigenvalue of the scaled information matrix of the samples held out, over that of all samples: 1 if
         they determine the coefficients as well as the others do.
     whiteness : float
         Portmanteau statistic of the residual's autocorrelation over its 99 % limit: up to about 1 for white noise.
     explained : float
-        Part of the output's power that the model does not explain, but the input could; with a reference part of the
-        power that the reference makes, where it could explain more.
+        Part of the output's power that the model does not explain, but the input could; with a reference the part of
+        the output's power by the reference that the reference could explain.
     explained_limit : float
         The test statistic of that part over its limit: above 1 the part is statistically significant.
     growth : float
-        Power of the residual over the samples held out, over what it was before, or is since the noise has grown.
+        Power of the residual over the samples held out (or the last quarter), relative to that before, or to the usual
+        power since the noise has grown.
     movement : float
         Largest movement of a coefficient since the tested estimate, in its standard deviations.
     distance : float
-        Relative distance of the coefficients from those that the samples examined give.
+        Relative distance of the coefficients from those by the samples examined.
     uncertainty : float
         Largest relative standard deviation of a coefficient of the denominator.
     """
@@ -83,21 +84,21 @@ class Assessment(Verdict):
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding: its reason, and the status of the verdict if it were the only one."""
+    """A finding: its reason, and the status of the verdict if it is the only one."""
 
     status: str
     reason: str
 
 
 def percent(part: float) -> str:
-    """Return a part in percent with two digits; a very small or large one as a bound."""
+    """Return a part in percent with two digits, or a bound if it is very small or large."""
     if 0.0 < part < LEAST_PERCENT / 100.0:
         return f"less than {LEAST_PERCENT:g} %"
     return f"{figure(100.0 * part)} %"
 
 
 def figure(value: float) -> str:
-    """Return a positive figure with two digits and without a power of ten; a very large one as a bound.
+    """Return a positive figure with two digits and without a power of ten, or a bound if it is very large.
 
     >>> figure(2.234), figure(123.0), figure(float("inf"))
     ('2.2', '120', 'more than 10000')
@@ -106,7 +107,7 @@ def figure(value: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a length of time in s with three digits, from 1000 s on to the second.
+    """Return a duration in s with three digits, from 1000 s on in whole seconds.
 
     >>> duration(28.44), duration(2451.3), duration(50_000.0), duration(1e300)
     ('28.4 s', '2451 s', '50,000 s', '1e+300 s')
@@ -117,7 +118,7 @@ def duration(seconds: float) -> str:
 
 
 def conclude(findings: list[Finding], otherwise: str) -> tuple[str, tuple[str, ...]]:
-    """Return the status of the gravest finding and every reason, the gravest first, or a reason for trust."""
+    """Return the gravest finding's status and all reasons, the gravest first; if trusted, ``otherwise`` comes first."""
     ranked = sorted(findings, key=lambda finding: STATUSES.index(finding.status))
     if not ranked or ranked[0].status == "trusted":
         ranked.insert(0, Finding("trusted", otherwise))
