@@ -1,7 +1,8 @@
 """The identifier that learns sample by sample.
 
-`identifier` is its interface, `estimate` what is read from it, `lifecycle` how it starts and goes on.  It starts by
-`startup` and `begin_recursion`; at growing counts, at an alarm and at the end `revision` and `change_response` ask
-again which model holds.  `ensemble` and `ensemble_members` step many at once; `miso_identifier` is that of several
-inputs and one output.  `saving` and `resume` write and read checkpoints, whose bytes are those of `checkpoint`.
+`identifier` is its interface, `estimate` its read-only part, `lifecycle` its start and the work between samples.
+`startup` and `begin_recursion` start it; `revision` and `change_response` test again which model holds, at growing
+counts, at an alarm and at the end.  `ensemble` and `ensemble_members` step many at once; `bank` runs several structures
+side by side; `miso_identifier` is for several inputs and one output.  `saving` and `resume` write and read checkpoints,
+whose format is in `checkpoint`.
 """

@@ -1,4 +1,4 @@
-"""Bank: a handful of structures that learn side by side, and which of them is served; `Identifier(structure=[...])`."""
+"""Bank: a few structures that learn side by side, and the choice of the one served; `Identifier(structure=[...])`."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ if TYPE_CHECKING:
     from replant.online.checkpoint.encoding import Progress
     from replant.online.checkpoint.files import AnyPath
 
-# a call of a member then takes some ten times as long as its overhead
-LOOKED = 512  # samples between two looks at the weights [samples]
-LEAST = 4  # samples of a record that the weights begin with, at the least [count for each unknown]
+# the work of a call to a member is then some ten times its overhead
+LOOKED = 512  # samples between two checks of the weights [samples]
+LEAST = 4  # least samples of a record from which weights begin [count for each unknown]
 
 
 class Bank(Members):
-    r"""Identify G(s) of a structure that is not known, online; what `Identifier` makes of a list of structures.
+    r"""Identify G(s) of unknown structure online; `Identifier` returns a bank for a list of structures.
 
     The weight of a structure is its probability, given the samples so far,
 
     .. math:: w_i \propto w_i^\lambda\, p_i^{1 - \lambda}\; p(y_k \mid y_{k-1}, \ldots, i),
 
-    by what each member predicts before it learns a sample, its residual whitened by an autoregression of its own:
-    dynamic model averaging.  The prior p_i pays for each number that is fitted.  While the record is shorter than the
-    memory of 10000 samples, the weights begin anew with its evidence, each time that it has grown by half.
+    from each member's prediction before it learns a sample, its residual whitened by an autoregression of its own:
+    dynamic model averaging.  The prior p_i penalises each fitted parameter.  While the record is shorter than the
+    memory of 10000 samples, the weights begin anew with its evidence each time that it has grown by half.
 
     Parameters
     ----------
     structure : sequence of Structure
-        From two to ten, each another one.
+        From two to ten different ones.
     dt, filter, preprocess, startup, history : as of `Identifier`
         The same for all; ``history`` from 10000 to 30000.
 
@@ -53,12 +53,11 @@ class Bank(Members):
 
     Notes
     -----
-    A member has the same bits as an identifier of its structure alone.  What is served, as `model` and
-    `transfer_function`, is that of one member: of those whose weight is at least 1e-4, the most probable one that is
-    trusted, and where none is, the most probable one.  It is chosen each time that the record has grown by half, later
-    every 5000 samples, and where another member has become ten thousand times as probable as the one before, which is
-    looked for every 512 samples; in between it stays.  A sample that no member explains is an outlier, and counts for
-    nobody.
+    A member has the same bits as an identifier of its structure alone.  `model`, `transfer_function` and so on are
+    those of one member: among those with a weight of at least 1e-4, the most probable trusted one, or the most probable
+    one if none is trusted.  It is chosen each time that the record has grown by half, later every 5000 samples, and
+    when another member has become ten thousand times as probable as the most probable one before, which is checked
+    every 512 samples; in between it stays.  A sample that no member explains is an outlier, and changes no weight.
 
     References
     ----------
@@ -88,14 +87,14 @@ class Bank(Members):
             _origin=0, _ready=0, _likeliest=0, _lead=0, _leads=(), _adapts=True,
         )  # fmt: skip
 
-    _weights: Weights  # after all samples but those of `_held`
+    _weights: Weights  # after all samples except those of `_held`
     _held: list[list[float]]  # errors of single samples since then
     _chunk: tuple[Any, ...] | None  # u, y, t and r that are being taken
     _taken: int
-    _due: int  # samples at which members are judged again
-    _stop: int  # samples at which the weights are looked at
-    _origin: int  # accepted samples before the change that the most probable member believes in
-    _ready: int  # members that had begun by then
+    _due: int  # samples at which members are assessed again
+    _stop: int  # samples at which the weights are checked
+    _origin: int  # accepted samples before the change that the most probable member has accepted
+    _ready: int  # members with a first model when the weights last began
     _likeliest: int
     _leads: tuple[Lead, ...]
     _adapts: bool
@@ -126,7 +125,7 @@ class Bank(Members):
 
     @property
     def _state(self) -> dict[str, Any]:
-        """All that the bank keeps beside its members; nothing in it is changed in place."""
+        """The bank's attributes except its members; none is changed in place."""
         self._count_held()
         return {name: value for name, value in vars(self).items() if name not in ("_turn", "_members")} | {"_held": []}
 
@@ -149,7 +148,7 @@ class Bank(Members):
         return bytes_of([member.to_bytes() for member in self._members], self._state, progress)
 
     def _enter(self) -> None:
-        """Let the members take what is left of samples that were interrupted; what they predicted of these is lost."""
+        """Let the members take the rest of an interrupted chunk; the predictions for it are lost."""
         if self._chunk is not None:
             u, y, t, r = (None if each is None else np.atleast_1d(each) for each in self._chunk)
             assert u is not None
@@ -164,7 +163,7 @@ class Bank(Members):
 
     @changes
     def update(self, u: float, y: float, t: float | None = None, r: float | None = None) -> float:
-        """Take one sample; return the a-priori output error of the member that leads, in the unit of y.
+        """Take one sample; return the a-priori output error of the leading member, in the unit of y.
 
         Parameters
         ----------
@@ -186,13 +185,13 @@ class Bank(Members):
         return error
 
     def _each(self, method: str) -> list[Any]:
-        """Let each member take the chunk by a method; return what that returns."""
+        """Let each member take the chunk by a method; return the results."""
         assert self._chunk is not None
         take, (first, *others) = methodcaller(method, *self._chunk), self._members
         try:
             taken = take(first)
         except Exception:
-            if first.taken == self._taken:  # it has refused it, as the others would: nobody has taken it
+            if first.taken == self._taken:  # refused by the first, as by the others: no member has taken it
                 self._chunk = None
             raise
         return [taken, *map(take, others)]
@@ -236,7 +235,7 @@ class Bank(Members):
         return BankTrace(tuple(parts), weights, lead)
 
     def _note(self, errors: FloatArray) -> FloatArray:
-        """Take over the errors (K, M) of samples that all members have taken; return the weights after each."""
+        """Update the weights by the errors (K, M) of samples that all members have taken; return them after each."""
         self._count_held()
         new, shares = self._weights.take(errors)
         vars(self).update(_weights=new, _chunk=None, _taken=self._taken + len(errors))
@@ -247,7 +246,7 @@ class Bank(Members):
             vars(self).update(_weights=self._weights.take(np.array(self._held))[0], _held=[])
 
     def _look(self) -> None:
-        """Look at the weights, begin them anew where that is due, and choose who leads."""
+        """Check the weights; if due, begin them anew and choose the leading member."""
         self._count_held()
         origin, is_due = self._changed_at(), self._taken >= self._due
         weights, length = self._weights, self._taken - origin
@@ -270,12 +269,12 @@ class Bank(Members):
         )
 
     def _changed_at(self) -> int:
-        """Return the accepted samples before the last change of the plant that the most probable member believes in."""
+        """Return the accepted samples before the last change of the plant found by the most probable member."""
         state = self._members[self._likeliest]._state
         return state.changed_at if self._weights.joined[self._likeliest] and state.change.is_of_plant else 0
 
     def _chosen(self, weights: Weights) -> dict[str, Any]:
-        """Return who leads from now on, and the events, where that changes."""
+        """Return the attributes of a new lead and its event; empty if the lead stays."""
         shares, found = weights.shares, None
         for i in np.argsort(-shares, kind="stable").tolist():
             if not weights.joined[i] or shares[i] < ALPHA:
@@ -291,7 +290,7 @@ class Bank(Members):
 
     @changes
     def finish(self) -> None:
-        """Solve for the estimates with every sample so far, see `Identifier.finish`, and weigh them by the record."""
+        """Solve for the estimates with every sample so far, see `Identifier.finish`, and weight them by the record."""
         for member in self._members:
             member.finish()
         self._count_held()
@@ -301,7 +300,7 @@ class Bank(Members):
 
     @changes
     def freeze(self) -> None:
-        """Stop adapting: estimates and lead stay; weights go on, and members without a model are left out.
+        """Stop adapting: estimates and lead stay, weights still change; members without a model take no part.
 
         Raises
         ------
@@ -339,7 +338,7 @@ class Bank(Members):
     @property
     @reads
     def leads(self) -> tuple[Lead, ...]:
-        """The events, the newest hundred: since when which structure is served."""
+        """The newest hundred changes of the served structure."""
         return self._leads
 
     @property

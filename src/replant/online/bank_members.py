@@ -1,4 +1,4 @@
-"""The members of a bank: what may be asked of them, and the one that leads, whose model is served."""
+"""The members of a bank: their arguments, and the properties of the leading one, whose model is served."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from replant.verdict import Assessment
 
 T = TypeVar("T")
 
-#: What the members of a bank choose from the data, so that their predictions compare.
+#: Arguments that the members of a bank choose from the data, so that their predictions are comparable.
 CHOSEN = "scaling", "optimizer", "replay", "instruments", "normalize", "background"
 
 
 def asked_for(structures: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the arguments of each member, checked."""
+    """Return the checked arguments of each member."""
     for name in ("poles", "zeros", "delay"):
         if given.get(name) is not None:
             raise InvalidArgumentError(f"a list of structures has its own {name}: leave out {name}")
@@ -49,19 +49,19 @@ def asked_for(structures: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _of_served(read: Callable[[Estimate], T], meaning: str) -> T:
-    """Return the property that reads something of the member that leads."""
+    """Return a property that reads an attribute of the leading member."""
     return cast("T", property(lambda members: read(members._served), doc=meaning))
 
 
 class Members(Shared):
-    """Identifiers that learn side by side, and what is served: the model of the one that leads."""
+    """Identifiers that learn side by side; the model of the leading one is served."""
 
     _members: tuple[Any, ...]  # identifiers
     _lead: int
 
     @property
     def structures(self) -> tuple[Structure, ...]:
-        """Of the members."""
+        """The structures of the members."""
         return tuple(member.structure for member in self._members)
 
     @property
@@ -81,7 +81,7 @@ class Members(Shared):
         served: Estimate = self._members[self.lead]
         return served
 
-    structure = _of_served(lambda lead: lead.structure, "That of the model that is served.")
+    structure = _of_served(lambda lead: lead.structure, "Structure of the model that is served.")
     dt = _of_served(lambda lead: lead.dt, "Sampling time in s.")
     names = _of_served(lambda lead: lead.names, "Names of the parameters of the model that is served.")
     has_model = _of_served(lambda lead: lead.has_model, "Whether there is an estimate.")
@@ -89,14 +89,14 @@ class Members(Shared):
     covariance = _of_served(lambda lead: lead.covariance, "Its covariance (P, P).")
     uncertainty = _of_served(lambda lead: lead.uncertainty, "Its standard deviations.")
     noise = _of_served(lambda lead: lead.noise, "The model of its residual's noise.")
-    transfer_function = _of_served(lambda lead: lead.transfer_function, "It as G(s).")
-    samples = _of_served(lambda lead: lead.samples, "Accepted samples.")
-    rejected = _of_served(lambda lead: lead.rejected, "Rejected samples by reason, as the lead counts them.")
-    status = _of_served(lambda lead: lead.status, "`Identifier.status` of the member that leads.")
+    transfer_function = _of_served(lambda lead: lead.transfer_function, "The estimate that is served, as G(s).")
+    samples = _of_served(lambda lead: lead.samples, "Samples that the leading member has accepted.")
+    rejected = _of_served(lambda lead: lead.rejected, "Samples that the leading member has rejected, by reason.")
+    status = _of_served(lambda lead: lead.status, "`Identifier.status` of the leading member.")
 
     @property
     def model(self) -> Model:
-        """What is worth keeping of it; see `Identifier.model`."""
+        """The model that is served, to keep; see `Identifier.model`."""
         model: Model = self._members[self.lead].model
         return model
 

@@ -1,12 +1,12 @@
 r"""The weights of a bank: dynamic model averaging over its members, begun with the evidence of the record.
 
-While the record grows, the weights begin anew at growing counts with its evidence, the measure of the search
-(`replant.fitting.structure_evidence`): a member that was begun badly is not held to what it then predicted.  What comes
-after counts as each member predicts it before it learns it (`replant.kernels.step.bank`).  Once the record is as long
-as the weights remember, predictions alone count.
+While the record grows, the weights begin anew at growing counts with its evidence, as in the structure search
+(`replant.fitting.structure_evidence`), so that poor predictions after a bad start of a member do not count.  Later
+samples count by each member's prediction before it learns them (`replant.kernels.step.bank`).  Once the record is as
+long as the memory of the weights, predictions alone count.
 
-Two models of which one has a needless pole predict alike once they are learned.  What is forgotten therefore goes
-towards a prior that pays for each number, ln(RECENT) / 2, as the evidence of that many samples does.
+A model with a needless pole predicts as well as one without, once both are learned.  Forgetting therefore moves the
+weights towards a prior that penalises each parameter by ln(RECENT) / 2, as the evidence of that many samples does.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import quiet
 from replant.online.estimate import Estimate
 
-# the weights remember as many samples as the verdict looks at, and forget half of it within 6931 samples; with a tenth
-# of the memory two structures must differ by ten times as much, as the price of a number hardly falls
-FORGETTING = 1.0 - 1.0 / RECENT  # factor by which what a sample told of structures is forgotten with the next [number]
+# the memory is the number of samples that the verdict uses, with a half-life of 6931 samples; with a tenth of it two
+# structures must differ by ten times as much, as the penalty of a parameter hardly falls
+FORGETTING = 1.0 - 1.0 / RECENT  # forgetting factor of the weights' evidence, per sample [number]
 
 MOST = 10  # structures: a handful; replant fit searches more [count]
 EVENTS = 100  # changes of the lead kept, the newest [count]
@@ -40,18 +40,18 @@ SIZE = LAGS + 1
 
 @dataclass(frozen=True)
 class Lead:
-    """An event: another structure is served.
+    """A change of the structure that is served.
 
     Attributes
     ----------
     taken : int
-        Samples given so far.
+        Samples given before it.
     structure : Structure
-        Of the model that is served from then on.
+        Structure of the model that is served from then on.
     weight : float
         Its weight.
     status : str
-        Its verdict.
+        Status of its verdict.
     """
 
     taken: int
@@ -62,13 +62,13 @@ class Lead:
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """The weights of M members; `take` returns those after some more samples."""
+    """The weights of M members; `take` returns the weights after further samples."""
 
-    joined: IntArray  # (M,): truths, whether a member has a model, and takes part
+    joined: IntArray  # (M,): 1 if a member has a model and takes part, else 0
     prices: FloatArray  # (M,): logarithm of the prior
-    logs: FloatArray  # (M,): logarithm of the weights, up to a constant; -inf of those that take no part
-    least: float  # variance of a residual below which it is no evidence
-    # of each member: errors, sums, autoregressions, variances and order, and what all share: see `weigh`
+    logs: FloatArray  # (M,): logarithm of the weights, up to a constant; -inf for members that take no part
+    least: float  # variance below which a residual is no evidence
+    # errors, sums, autoregressions, variances and orders of the members, and shared numbers: see `weigh`
     past: FloatArray
     sums: FloatArray
     models: FloatArray
@@ -96,14 +96,14 @@ class Weights:
         return shares_of(self.logs)
 
     def likeliest(self, before: int) -> int:
-        """Return the most probable member; that of before unless another is by far the more probable one."""
+        """Return the most probable member; the one ``before`` unless another is 1 / `ALPHA` times as probable."""
         best = int(np.argmax(self.logs))
         if self.joined[before] and self.logs[best] - self.logs[before] <= -math.log(ALPHA):
             return before
         return best
 
     def take(self, errors: FloatArray) -> tuple[Weights, FloatArray]:
-        """Take the a-priori errors (K, M) of the next samples; return what follows, and the weights (K, M)."""
+        """Take the a-priori errors (K, M) of the next samples; return the new state, and the weights (K, M)."""
         from replant.kernels.step.bank import weigh
 
         written = ("logs", "past", "sums", "models", "variances", "orders", "numbers", "counts")
@@ -115,11 +115,11 @@ class Weights:
         return new, shares_of(logs)
 
     def begun(self, members: Sequence[Estimate], since: int) -> Weights:
-        """Return the weights by the evidence of the newest samples, of those that came after so many accepted ones."""
+        """Return the weights by the evidence of the newest samples, after the first ``since`` accepted ones."""
         runs = {i: run for i, each in enumerate(members) if (run := _Run.of(each, since)) is not None}
         if not runs:
             return self
-        # what the member that errs least takes for an outlier counts for nobody: another one has a wider scatter
+        # outliers by the member with the smallest error are left out for all: others have a wider scatter
         first = min(runs.values(), key=lambda run: run.scatter).record
         again = ((i, _Run.of(members[i], since, first.is_measured)) for i in runs)
         runs = {i: run for i, run in again if run is not None}
@@ -135,9 +135,9 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """The present model of a member beside the newest samples; what counts of these alone says where it begins."""
+    """The run of a member's present model over the newest samples; the initial state is fitted to valid outputs."""
 
-    record: Record  # measured are the outputs that count
+    record: Record  # with the outputs that count as measured
     error: FloatArray  # (K,)
 
     @property
@@ -148,7 +148,7 @@ class _Run:
     @classmethod
     @quiet
     def of(cls, member: Estimate, since: int, counts: BoolArray | None = None) -> _Run | None:
-        """Return it over the outputs (K,) that count after so many accepted samples; None where there is none."""
+        """Return the run after the first ``since`` accepted samples, on valid outputs ``counts`` (K,); None: no run."""
         if member._settings is None:
             return None
         kept = RecentSamples.of(member._state)
@@ -164,7 +164,7 @@ class _Run:
 
 
 def shares_of(logs: FloatArray) -> FloatArray:
-    """Return weights (.., M) whose sum is 1, of logarithms; equal ones where there are none.
+    """Return weights (.., M) with a sum of 1 from their logarithms; equal ones if all are -inf.
 
     >>> shares_of(np.log([1.0, 3.0]))
     array([0.25, 0.75])

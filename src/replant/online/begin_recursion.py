@@ -1,4 +1,4 @@
-"""Begin the recursion: a state that begins at a refined estimate, with its covariance and statistics."""
+"""Begin the recursion: a state that starts at a refined estimate, with its covariance and statistics."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from replant.kernels.schema import BELIEVED, LOAD, Doubt
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import compose, factor_covariance, quiet
 
-# so many residuals know a standard deviation to 7 %
-SHORTEST_MEMORY = 100  # samples of an input that stands still before it rests, where an optimizer forgets [samples]
-# its memory is then ten start-ups
-FORGETS = 0.1  # share forgotten in a sample, times the start-up's, up to which an optimizer never forgets [ratio]
-ROOM = 1e6  # how far forgetting may let variances grow: nothing is known then [variances of the start-up]
+# so many residuals give a standard deviation to 7 %
+SHORTEST_MEMORY = 100  # least samples of constant input before it rests, if an optimizer forgets [samples]
+# the memory is then ten start-ups
+FORGETS = 0.1  # forgetting per sample, times the start-up's length, up to which it counts as none [ratio]
+ROOM = 1e6  # largest growth of variances by forgetting: nothing is known then [variances of the start-up]
 
 
 @quiet
 def initialize(state: State, settings: Settings, refined: Refined, record: Record) -> None:
-    """Write a refined estimate into a state: parameters, covariance, auxiliary model, and what is monitored."""
+    """Write a refined estimate into a state: parameters, covariance, auxiliary model, and monitoring."""
     entries, rate = state.entries, _rates(state, settings)
     state.stability_margin = stability_margin(record)
     state.largest_bandwidth = settings.structure.poles * FASTEST / record.dt
@@ -55,7 +55,7 @@ def initialize(state: State, settings: Settings, refined: Refined, record: Recor
 
 
 def _memory(state: State, settings: Settings) -> int:
-    """Return the optimizer's memory in samples; 0 where it is infinite, or much longer than the start-up."""
+    """Return the optimizer's memory in samples; 0 if it is infinite, or much longer than the start-up."""
     size = state.entries
     numbers = state.settings
     if settings.optimizer.keeps_colour:
@@ -67,7 +67,7 @@ def _memory(state: State, settings: Settings) -> int:
 
 
 def _rates(state: State, settings: Settings) -> FloatArray:
-    """Return the divisors (T,) that turn the refined filter's parameters into those of this state's filter."""
+    """Return divisors (T,) that convert parameters of the refined filter to those of the state's filter."""
     from replant.kernels.filters.bank import DENOMINATOR
 
     rates = np.ones(state.entries)
@@ -77,7 +77,7 @@ def _rates(state: State, settings: Settings) -> FloatArray:
 
 
 def _write_covariance(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
-    """Write the factors of the start-up's covariance, in scaled parameters, where the optimizer keeps them."""
+    """Write the factors of the start-up's covariance in scaled parameters, for an optimizer that keeps them."""
     size = state.entries
     sigma = state.sigma / rate
     if state.refined:
@@ -98,7 +98,7 @@ def _write_tracking(state: State, settings: Settings, refined: Refined, record: 
     scale = settings.scaling.output
     state.memory[size * size + size] = max(refined.variance / scale**2, np.finfo(float).tiny)
     if state.refined and not structure.bias:
-        # with the working point taken off, A y = B u + c has c = b0 u_R - a0 y_R: where a0 and b0 walk, so does c
+        # with the working point subtracted, A y = B u + c has c = b0 u_R - a0 y_R: c walks as a0 and b0 do
         noise = state.settings[1 : 1 + size]
         constant, a0, b0 = structure.size, structure.poles - 1, structure.poles + structure.zeros
         of_a0 = noise[a0] * state.unit[a0] ** 2 * float(np.var(record.y))
@@ -107,7 +107,7 @@ def _write_tracking(state: State, settings: Settings, refined: Refined, record: 
 
 
 def _write_monitoring(state: State, settings: Settings, refined: Refined, record: Record) -> None:
-    """Write what is monitored against: residual's variance, output's size, share of equal neighbours."""
+    """Write the references of the monitoring: variance of the residual, size of the output, share of ties."""
     from replant.kernels.monitoring import outliers
 
     scale = settings.scaling.output
@@ -119,11 +119,11 @@ def _write_monitoring(state: State, settings: Settings, refined: Refined, record
     steps = np.abs(np.diff(record.y))
     state.sensor_step = float(steps[steps > 0.0].min(initial=math.inf))
     state.last_raw = math.nan
-    state.cusum_limit = outliers.LIMIT if state.refined else 0.0  # a fixed filter's error is not that of the output
+    state.cusum_limit = outliers.LIMIT if state.refined else 0.0  # a fixed filter's error is no output error
 
 
 def _write_colour(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
-    """Write power and colour of the start-up's residual, in scaled signals."""
+    """Write power and colour of the start-up's residual, for scaled signals."""
     size, scale, source, colour = state.entries, settings.scaling.output, refined.colour, state.colour
     sigma = state.sigma / rate
     colour.count, colour.power, colour.position = source.count, source.power / scale**2, source.position
@@ -134,7 +134,7 @@ def _write_colour(state: State, settings: Settings, refined: Refined, rate: Floa
 
 
 def _write_noise(state: State, refined: Refined, scale: float) -> None:
-    """Write the start-up's noise model, in the unit of the scaled output; the rows follow as the filters warm up."""
+    """Write the start-up's noise model, for the scaled output; its rows are filled as the filters warm up."""
     source, noise = refined.noise, state.noise
     noise.order, noise.filters, noise.gain, noise.count = source.order, source.filters, source.gain, source.count
     noise.models[:], noise.variances[:] = source.models, source.variances / scale**2
@@ -142,7 +142,7 @@ def _write_noise(state: State, refined: Refined, scale: float) -> None:
 
 
 def _write_path(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
-    """Write the path that led to the start-up's estimate, in scaled parameters."""
+    """Write the path of the start-up's estimate, in scaled parameters."""
     sigma, source, path, kept = state.sigma / rate, refined.path, state.path, int(refined.path.kept)
     path.step, path.due, path.kept = source.step, source.due, kept
     rows, scale = source.rows[:, :, : state.entries], settings.scaling.output
@@ -151,8 +151,8 @@ def _write_path(state: State, settings: Settings, refined: Refined, rate: FloatA
 
 
 def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
-    """Return a state that begins at a refined estimate and goes on at the newest sample of ``old``."""
-    new = State.of_settings(settings, len(old.recent), old.path_size)  # in the background a part of the raw samples
+    """Return a state that starts at a refined estimate and continues at the newest sample of ``old``."""
+    new = State.of_settings(settings, len(old.recent), old.path_size)  # fewer raw samples than kept, in the background
     initialize(new, settings, refined, record)
     stamps = REGULAR
     if record.intervals.size > 1:
@@ -166,14 +166,14 @@ def restart(old: State, settings: Settings, refined: Refined, record: Record, or
 
 
 def restart_at(old: State, settings: Settings, solution: Solution, origin: int) -> State:
-    """Return `restart` at the solution of a record as it was measured; what it left out is in doubt from now on."""
+    """Return `restart` at a solution of the record as measured; samples that it left out are marked as doubtful."""
     new = restart(old, settings, solution.found, solution.record, origin)
     note_doubts(new, solution)
     return new
 
 
 def note_doubts(state: State, solution: Solution, output: FloatArray | None = None) -> None:
-    """Note with the newest raw samples which of them a solution has left out, and their ``output`` (K,) if given."""
+    """Mark the newest raw samples that a solution has left out, and write their ``output`` (K,) if given."""
     if not (state.examines_output and len(state.recent)):
         return
     count = solution.doubt.size
@@ -184,7 +184,7 @@ def note_doubts(state: State, solution: Solution, output: FloatArray | None = No
 
 
 def note_loads(state: State, loads: tuple[int, ...], count: int) -> None:
-    """Note that other loads act since some of the newest ``count`` raw samples, each at the next in no doubt."""
+    """Mark new ``loads`` in the newest ``count`` raw samples, each at the next sample that is not in doubt."""
     rows = (state.samples - count + np.arange(count)) % len(state.recent)
     doubt = RecentSamples(state.recent).doubt
     sound = np.flatnonzero(doubt[rows] <= Doubt.NONE)
@@ -193,7 +193,7 @@ def note_loads(state: State, loads: tuple[int, ...], count: int) -> None:
 
 
 def clear_doubt(state: State, kept: RecentSamples) -> None:
-    """Bridge the newest samples by the outputs that the model was solved with; no doubt is left of a measured one."""
+    """Set the bridged outputs to those of the solution ``kept``; where these are measured, the doubt is removed."""
     doubted = np.flatnonzero(kept.is_bridged & (kept.output != kept.bridged))
     rows, recent = (state.samples - len(kept) + doubted) % len(state.recent), RecentSamples(state.recent)
     recent.bridged[rows] = kept.output[doubted]
@@ -201,10 +201,10 @@ def clear_doubt(state: State, kept: RecentSamples) -> None:
 
 
 def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray | None, *, learn: bool) -> float:
-    """Run samples that were collected through the kernel; return the error of the last one."""
+    """Run collected samples through the kernel; return the error of the last one."""
     _, steps = step_kernels(state, regular=t.size == 0)
     rested = state.rested
-    state.adapt, state.held_at = learn, BELIEVED  # leaps among the held samples have been judged
+    state.adapt, state.held_at = learn, BELIEVED  # leaps among these samples have been accepted before
     errors = np.full(u.size, math.nan)
     steps(*state.arrays, u, y, t, NOTHING if r is None else r, errors, np.empty((u.size, 0)))
     state.adapt, state.held_at = True, 0
@@ -212,14 +212,14 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatA
         state.change_began = state.samples
     if not learn:
         state.rested = rested
-    # no past estimate is kept: settings or estimate were chosen with all of these samples, so that none is unseen
+    # no past estimate is kept: settings or estimate were chosen with all of these samples, so none is held out
     state.past_kept, state.past_due = 0, state.samples
     state.learned = state.samples
     return float(errors[-1])
 
 
 def carry_over(old: State, new: State) -> None:
-    """Copy to a new state what outlasts its estimate: counters, clock, raw samples, past estimates, a user's freeze."""
+    """Copy to a new state what outlasts the estimate: counters, clock, raw samples, past estimates, ``adapt``."""
     new.take_over(
         old,
         *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.refused, State.rested),
@@ -231,10 +231,10 @@ def carry_over(old: State, new: State) -> None:
     new.learned = old.samples
     new.change_began = old.change_began if old.alarm else old.samples
     new.past[:], new.recent[:] = old.past, old.recent
-    # not from the warm-up: a regular record has no stamps, and steps between bridged outputs are not the sensor's
+    # not from the warm-up: a regular record has no stamps, and steps to bridged outputs are not the sensor's
     new.take_over(old, State.last_time, State.last_raw, State.sensor_step, State.cusum_limit)
     new.prior[:] = old.prior
     new.largest_power = max(old.largest_power, new.largest_power)
-    if old.noise_has_grown:  # the mean over the whole record is that of other noise
+    if old.noise_has_grown:  # the mean over the whole record is that of smaller noise
         new.usual_variance = max(new.usual_variance, new.late_variance)
         new.usual_innovation = max(new.usual_innovation, new.late_innovation)

@@ -1,6 +1,6 @@
-"""Catching up: a state that was found of the samples up to n learns those that have come since, some at a time.
+"""Catching up: a state found from the samples up to n learns those that have come since, some at a time.
 
-The arithmetic is sequential, so that the bits do not depend on how many it learns at once, and when.
+The arithmetic is sequential, so that the bits do not depend on how many samples are learned at once, and when.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from replant.estimation.settings import Settings
     from replant.numerics.arguments import FloatArray, IntArray
 
-#: What a new state has from the one that took the samples meanwhile: what these left beside the ring; and what is done
-#: to samples before they are kept, which it takes from there.
+#: Slots that a new state copies from the one that took the samples meanwhile: counters and clock, and the
+#: preprocessing, which is not applied again to samples from the ring.
 MEANWHILE = (
     *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.time_leaps, State.too_coarse),
     *(State.input_leaps, State.no_reference, State.last_time, State.earlier_stamps, State.earlier_time),
@@ -33,18 +33,18 @@ IN_INTS = [slot.index for slot in MEANWHILE if not isinstance(slot, Real)]
 
 
 class CatchUp:
-    """A new state that follows the one in use, some in each update; its ring is ``spare`` where that fits."""
+    """A new state that learns the samples since it was found, some in each update; its ring is ``spare`` if it fits."""
 
     def __init__(self, found: State, spare: FloatArray, *, regular: bool) -> None:
         self.regular, self._spare = regular, spare  # regular: without time stamps
-        self.kernels: tuple[Kernel, Kernel] | None = None  # for single samples and for many, when it has come so far
-        self.bound: tuple[Step, IntArray] | None = None  # that for single samples, bound to the state, and its gate
+        self.kernels: tuple[Kernel, Kernel] | None = None  # for single samples and for many; None: not chosen yet
+        self.bound: tuple[Step, IntArray] | None = None  # kernel for single samples, bound to the state, and its gate
         self._begun, self._copied, self._learned = found.samples, 0, 0
         self._table, self._is_awake = bytearray(), False
         self.state = State(found.ints.copy(), found.reals.copy(), found.banks.copy(), found.buffer.copy(), NOTHING)
 
     def go_on(self, kept: FloatArray, old: State, settings: Settings, rows: int, samples: int) -> None:
-        """Do what is next: copy some raw samples looked into, ``kept``, bind, or learn some of those since."""
+        """Do the next step: copy some of the raw samples ``kept``, bind the kernel, or learn some samples since."""
         new = self.state
         if new.recent is NOTHING:
             self._make_ring(old)
@@ -64,15 +64,15 @@ class CatchUp:
             self._is_awake = True
 
     def finish(self, kept: FloatArray, old: State, settings: Settings) -> None:
-        """Learn all samples that the other state, whose place this one takes, has taken."""
+        """Learn all samples that ``old``, which this state replaces, has taken."""
         while self.state.recent is NOTHING or self._copied < len(kept):
             self.go_on(kept, old, settings, len(kept), 0)
         self._learn(old, settings, old.samples)
         self.state.reals[IN_REALS], self.state.ints[IN_INTS] = old.reals[IN_REALS], old.ints[IN_INTS]
 
     def _make_ring(self, old: State) -> None:
-        # to make a large ring, and to give it back, takes longer than a sample at 1 kHz; what the spare one holds of
-        # older samples is overwritten, since more have come
+        # allocating or freeing a large ring takes longer than a sample at 1 kHz; the older samples in the spare one are
+        # overwritten by newer ones
         new, ring = self.state, self._spare if self._spare.shape == old.recent.shape else np.zeros(old.recent.shape)
         new.recent, new.recent_size, new.recent_head = ring, len(ring), self._begun % len(ring)
         new.attention_at, new.square_input, new.input_offset, new.output_offset = 0, False, 0.0, 0.0
@@ -88,7 +88,7 @@ class CatchUp:
         _, steps = self.kernels or step_kernels(new, regular=self.regular)
         taken, errors = 0, np.empty(u.size)
         while taken < u.size:
-            new.attention, new.held_at = False, BELIEVED  # leaps among them have been judged
+            new.attention, new.held_at = False, BELIEVED  # leaps among them have been accepted before
             rest = u[taken:], y[taken:], stamps[taken:], r[taken:]
             taken += steps(*new.arrays, *rest, errors[taken:], np.empty((u.size - taken, 0)))
             note_alarm(new, settings)
@@ -96,14 +96,14 @@ class CatchUp:
 
 
 def _sums(begin: float, steps: FloatArray) -> FloatArray:
-    """Return the stamps of samples so far apart."""
+    """Return the time stamps after ``begin`` of samples with these intervals."""
     return np.cumsum(np.concatenate([[begin], steps]))[1:]
 
 
 def note_alarm(state: State, settings: Settings) -> None:
-    """Plan when an alarm that was raised is looked into; until then nothing is learned."""
+    """Plan the first look into an alarm that was raised; until then nothing is learned."""
     if state.alarm != Alarm.RAISED:
         return
     draft = State(state.ints.copy(), *state.arrays[1:])
     state.look_at, state.trusted_at = first_look(draft, settings), 0
-    state.alarm = Alarm.RESTS  # last: interrupted, this is done again
+    state.alarm = Alarm.RESTS  # last, so that an interrupted call is repeated

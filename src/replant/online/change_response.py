@@ -1,14 +1,14 @@
-"""Change response: what is done about an alarm of the residual's CUSUM test.
+"""Change response: the reaction to an alarm of the residual's CUSUM test.
 
-The samples since the alarm began are looked into at growing intervals: suppositions of what has changed compete
-(`estimation.solver.change_contest`).  Until one is sure nothing is learned.  What follows depends on which one wins:
+The samples since the alarm began are examined at growing intervals: hypotheses of what has changed compete
+(`estimation.solver.change_contest`).  Nothing is learned until one of them is decided on.  The reaction depends on it:
 
-    the noise              its present variance is the usual one
+    the noise              its present variance becomes the usual one
     a load, a part         the estimate before the change is revised by the samples since
     the plant              the record begins anew with these
-    a cable that floats    nothing is learned until the residual is as usual again, or another one is sure
+    a cable that floats    nothing is learned until the residual is as usual again, or another one is decided on
 
-Nothing that is decided is final: see `replant.online.revision`.
+No decision is final: see `replant.online.revision`.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from replant.numerics.linear_algebra import inverse_of, quiet
 from replant.online.begin_recursion import clear_doubt, note_doubts, restart, restart_at
 from replant.verdict.evidence import LEAST_POWER, RESTED
 
-# a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance; the onset is
-# looked for from the first on, the others are tried
-BEGINS = -0.25, 0.0, 0.25  # samples from the alarm's begin to that of the change [part of the samples since]
-# the last solution has then two thirds of the samples, and all solutions together cost three times the last
-AGAIN = 1.5  # growth of a record after which it is solved again: of all samples, or since an alarm or change [ratio]
+# the sum of the power beyond twice the usual begins late if a change shows slowly, and early by chance; the onset is
+# searched from the first of these on, and the others are tried
+BEGINS = -0.25, 0.0, 0.25  # begin of the change relative to that of the alarm [part of the samples since]
+# the last solution then has two thirds of the samples, and all solutions together cost three times the last one
+AGAIN = 1.5  # growth of a record, or of the part since an alarm or change, after which it is solved again [ratio]
 
 
 @quiet
 def first_look(state: State, settings: Settings) -> int:
-    """Return the number of accepted samples at which an alarm is first looked into; 0: never, as too few are kept."""
+    """Mark an alarm as being examined; return the accepted samples of the first look; 0: never, as too few are kept."""
     state.alarm = Alarm.RESTS  # nothing is learned until the look, or without one until the residual is as usual again
     if not tells_of_changes(state, settings):
         return 0
@@ -52,7 +52,7 @@ def first_look(state: State, settings: Settings) -> int:
 
 @quiet
 def look(old: State, settings: Settings) -> tuple[State, int]:
-    """Look for what has changed since the alarm; return the state to go on with, and when to look again: 0, never."""
+    """Examine what has changed since the alarm; return the next state, and the samples of the next look; 0: never."""
     from replant.kernels.monitoring import outliers
 
     if old.alarm == Alarm.NONE or not tells_of_changes(old, settings):  # the residual is as usual again
@@ -62,7 +62,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     kept, first = kept_since(old, max(old.gap_at, old.record_began, old.changed_at))
     begin = max(_began(old) - first, 0)
     since, fewest = kept[begin:], least_since(settings.structure)
-    # a sensor that was stuck, or at an end of its scale, may be so again: it has to be well for as long, or a start-up
+    # a sensor that was stuck, or at an end of its scale, must work for as long as it failed, or for a start-up
     failed = RecentSamples.of(old, len(since)).is_stuck | (suspicious(since.input, since.output) == Doubt.STUCK)
     lasted = int(np.flatnonzero(failed)[-1]) + 1 if failed.any() else 0
     enough = len(since) - lasted >= max(fewest, min(lasted, settings.startup))
@@ -72,7 +72,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     record = kept.record(settings.dt, settings.filter.input_hold)
     information = _information(settings, covariance(old, settings), old.entries)
     present = _known(old, settings, record, earliest, old.physical, information)
-    if present is None:  # it cannot be run over them, as after a start-up that took the controller for the plant
+    if present is None:  # the model cannot be run, as after a start-up that identified the controller
         new = _anew(old, settings, first)
         return (old, later) if new is None else (new, 0)
     if old.alarm == Alarm.FLOATS:
@@ -89,7 +89,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     if found.supposition in (Supposition.NOTHING, Supposition.NOISE):
         _end(old)
         if found.supposition is Supposition.NOISE:
-            # the variance of late lags behind that since the change
+            # the late variance lags behind the variance since the change
             power = found.contest.power / settings.scaling.output**2
             lag = max(power / max(old.late_variance, np.finfo(float).tiny), 1.0)
             old.usual_variance = max(old.usual_variance, lag * old.late_variance)
@@ -104,7 +104,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
 
 
 def _anew(old: State, settings: Settings, first: int) -> State | None:
-    """Return the state at a solution of the samples since an accepted one; None where they have none."""
+    """Return the state at a solution of the samples after the first accepted ones; None if there is no solution."""
     kept = RecentSamples.of(old, STORED)[first - old.samples :]
     solution = solve(settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True))
     if solution is None or not solution.found.settled:
@@ -113,7 +113,7 @@ def _anew(old: State, settings: Settings, first: int) -> State | None:
 
 
 def _of_one_model(old: State, settings: Settings, solution: Solution, begin: int, *, undecided: bool) -> State:
-    """Return the state at a solution of every sample since an accepted one."""
+    """Return the state at a solution of all samples after the first ``begin`` accepted ones, without a change."""
     new = restart_at(old, settings, solution, begin)
     new.change, new.changed_at, new.before_began, new.revised_from = Supposition.NOTHING, 0, 0, 0
     new.undecided, new.gap_at = undecided, min(old.gap_at, begin)
@@ -123,10 +123,10 @@ def _of_one_model(old: State, settings: Settings, solution: Solution, begin: int
 
 
 def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> tuple[list[Claim], Claim | None]:
-    """Return claims of the newest samples where the output did not answer to the input, and the one that is sure."""
+    """Return the claims on the newest samples after a floating cable, and the one decided on, if any."""
     since = record.u.size - begin
     most = int(math.log2(max(since / least_since(settings.structure), 1.0)))
-    for halvings in range(most, -1, -1):  # the fewest first: they are of one kind
+    for halvings in range(most, -1, -1):  # fewest samples first, as they are all from after the fault
         claims = Contest(settings.structure, record, record.u.size - (since >> halvings), present).claims()
         found = decided(claims)
         if found is not None and found.supposition is not Supposition.CUT:
@@ -135,7 +135,7 @@ def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> t
 
 
 def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | None:
-    """Return the contest over all samples since the last change; ``parted``: those before another variance."""
+    """Return the contest over all samples since the last change; ``parted``: samples before the variance changed."""
     kept, first = kept_since(old, gap_before(old))
     begin = old.changed_at - first
     if begin <= 0:
@@ -148,7 +148,7 @@ def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | N
 
 
 def _one_model(old: State, settings: Settings, since_alarm: Contest) -> list[Claim]:
-    """Return what an alarm says of older samples: that the change before was another one, or the model wrong."""
+    """Return claims on an alarm that involve older samples: the last change was another one, or the model was wrong."""
     if old.gap_at > max(old.record_began, old.changed_at):
         return []
     if not old.changed_at:
@@ -158,14 +158,14 @@ def _one_model(old: State, settings: Settings, since_alarm: Contest) -> list[Cla
     if contest is None:
         return []
     claims = [*contest.claims(again=True), *of_whole(old, settings, contest, gap_before(old))]
-    # they are told beside NOTHING since the change; the others beside the present model, and what it has cost
+    # these claims are relative to NOTHING since the change; the others to the present model, with its penalty
     goes_on = contest.stretch.of_usual(present.error[-contest.rows :], present.noise, present.variance, last=True)
     base, odds = goes_on - contest.usual - old.change_price, odds_of(old.change)
     return [replace(claim, likelihood=claim.likelihood - base, odds=claim.odds - odds) for claim in claims]
 
 
 def of_whole(old: State, settings: Settings, contest: Contest, began: int) -> list[Claim]:
-    """Return the claim that one model holds for all samples since some; none where not all are kept."""
+    """Return the claim that one model holds for all samples after ``began``; none if not all of them are kept."""
     if old.samples - contest.record.u.size > began:
         return []
     solution = solve(settings.structure, contest.record, [old.physical, contest.known.mean])
@@ -175,10 +175,10 @@ def of_whole(old: State, settings: Settings, contest: Contest, began: int) -> li
 
 
 def kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
-    """Return a copy of the samples since an accepted one, as far as they are kept, and how many were before them."""
+    """Return a copy of the kept samples after the first accepted ones, and the number of samples before them."""
     raw = RecentSamples.of(state, STORED)
     kept = raw.cleaned().missing_where_stuck()
-    if state.alarm:  # by the model that may not hold any more, outputs since are no outliers
+    if state.alarm:  # outputs since are restored: they were outliers of a model that may no longer hold
         since = slice(max(len(kept) - (state.samples - _began(state)), 0), None)
         kept.output[since] = raw.output[since]
         gross = suspicious(raw.input[since], raw.output[since]) == Doubt.OUTLIER
@@ -190,7 +190,7 @@ def kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
 def _known(
     state: State, settings: Settings, record: Record, begin: int, mean: FloatArray, information: FloatArray
 ) -> Known | None:
-    """Return what a model (T,) and the information (T, T) about it tell before a sample of a record."""
+    """Return the knowledge before a sample of a record, from a model (T,) and the information (T, T) on it."""
     from replant.kernels.monitoring import outliers
 
     usual = float(max(state.usual_variance, outliers.LEAST * state.largest_output)) * settings.scaling.output**2
@@ -199,7 +199,7 @@ def _known(
 
 
 def _information(settings: Settings, covariance: FloatArray, entries: int) -> FloatArray:
-    """Return the information (T, T) about the coefficients, that of the residual's colour and scatter."""
+    """Return the information (T, T) on the coefficients, the inverse of their covariance; zero if it is not finite."""
     size, information = settings.structure.coefficients, np.zeros((entries, entries))
     known = inverse_of(covariance[:size, :size])
     if np.isfinite(known).all():  # else nothing is known: beyond the range of float64
@@ -208,7 +208,7 @@ def _information(settings: Settings, covariance: FloatArray, entries: int) -> Fl
 
 
 def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -> State | None:
-    """Return the state that goes on where a claim has led to; None where that is no estimate."""
+    """Return the state after a claim is accepted; None if the claim gives no estimate."""
     contest = found.contest
     if found.solution is not None:
         begin = old.samples - contest.record.u.size
@@ -217,7 +217,7 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
     if refined is None:
         return None
     of_plant, again = found.supposition is Supposition.PLANT, begin <= old.changed_at
-    # the samples before those that one G(s) is taken to have made
+    # the samples before those that one G(s) is assumed to explain
     before = old.changed_at if old.change.is_of_plant else old.record_began
     before = one_plant_before(old) if again else before
     gap = gap_before(old) if again else old.gap_at
@@ -230,11 +230,11 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
     new.gap_at = min(gap, begin) if of_plant else begin
     new.revised_from = 0 if of_plant else begin
     if not of_plant:
-        # the record is short, and its length no bound for a time constant: the plant may be as slow as before
+        # the record is short, and its length does not bound time constants: the plant may be as slow as before
         new.stability_margin = min(new.stability_margin, old.stability_margin)
         new.forget_input = min(new.forget_input, old.forget_input)
     clear_doubt(new, RecentSamples.since(old, begin))
-    # what the claim leaves beyond the usual is another alarm's
+    # residual power above the usual must raise another alarm
     new.usual_variance = min(new.usual_variance, old.usual_variance)
     new.usual_innovation = min(new.usual_innovation, old.usual_innovation)
     if found.supposition is not Supposition.LOAD or not remembers_all(old, settings):  # G(s) may have moved
@@ -244,14 +244,14 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
 
 
 def behind_loads(old: State, settings: Settings, parted: Solution) -> State | None:
-    """Return the state that goes on behind the last load of a record, which was solved parted at its loads."""
+    """Return the state after the last load of a record that was solved divided at its loads; None if it fails."""
     *earlier, load = parted.record.begins
     first = earlier[-1] if earlier else 0
     before = solve(settings.structure, parted.record.first(load), [parted.found.theta])
     if before is None:
         return None
     record = replace(parted.record.last(parted.record.u.size - first), begins=())
-    # what the samples before tell of G(s) is known, as where the load is believed while the record grows
+    # the information on G(s) from the samples before is prior knowledge, as for a load that is found online
     mean, information = before.found.theta, _information(settings, before.found.covariance, old.entries)
     known = _known(old, settings, record, load - first, mean, information)
     if known is None:
@@ -270,12 +270,12 @@ def behind_loads(old: State, settings: Settings, parted: Solution) -> State | No
 
 
 def one_plant_before(state: State) -> int:
-    """Return the accepted samples before those that one G(s) is taken to have made until the last change."""
+    """Return the accepted samples before those until the last change that one G(s) is assumed to explain."""
     return state.before_began if state.change is Supposition.PLANT else state.record_began
 
 
 def gap_before(state: State) -> int:
-    """Return the accepted samples before those, before the last change, that one model explains with one offset."""
+    """Return the accepted samples before those until the last change that one model with one offset explains."""
     return max(state.before_began, state.gap_at) if state.change is Supposition.PLANT else state.before_began
 
 
@@ -285,32 +285,32 @@ def _end(state: State) -> None:
 
 
 def _began(state: State) -> int:
-    """Return the accepted samples before those since the alarm, in one piece."""
+    """Return the accepted samples before the alarm, or before a later interruption, record or change."""
     return max(state.change_began, state.gap_at, state.record_began, state.changed_at)
 
 
 def remembers_all(state: State, settings: Settings) -> bool:
-    """Return whether the estimate is made from every sample of its record, none forgotten, and solved again."""
+    """Return whether the estimate forgets no sample of its record, and can be solved again."""
     return float(state.settings[0]) == 1.0 and is_solved_again(settings)
 
 
 def is_solved_again(settings: Settings) -> bool:
-    """Return whether the estimate is one that a solution of the raw samples can stand in for."""
+    """Return whether a solution of the raw samples can replace the estimate."""
     return bool(settings.optimizer.keeps_colour and settings.filter.follows_estimate)
 
 
 def remembers_since_change(state: State, settings: Settings) -> bool:
-    """Return whether no sample since the last change, or of the record, weighs less than 1/e of the newest one."""
+    """Return whether all samples since the last change, or of the record, weigh at least 1/e of the newest one."""
     since = state.samples - (state.changed_at or state.record_began)
     return is_solved_again(settings) and (1.0 - float(state.settings[0])) * since <= 1.0
 
 
 def tells_of_changes(state: State, settings: Settings) -> bool:
-    """Return whether as many raw samples are kept as a model of what came since a change takes."""
+    """Return whether enough raw samples are kept for a model of the samples since a change."""
     return len(state.recent) >= least_since(settings.structure)
 
 
 def is_at_rest(state: State) -> bool:
-    """Return whether the input has rested since half of the time between two reviews, or in a quarter of those kept."""
+    """Return whether the input has rested for `RESTED` samples, or if not all are kept, a quarter of those if fewer."""
     rested = min(RESTED, len(state.recent) // 4) if state.samples > len(state.recent) else RESTED
     return 0 < rested <= state.samples and variance_of_input(state, rested) < LEAST_POWER * state.largest_power

@@ -30,7 +30,7 @@ from replant.online.identifier import Identifier
 from replant.online.locking import Shared, Turn, changes, reads
 from replant.online.trace import Trace
 
-OBJECT = 2048  # what an identifier takes beside its arrays, about [numbers of eight bytes]
+OBJECT = 2048  # approximate memory of an identifier in addition to its arrays [numbers of eight bytes]
 MOST_JOBS = 2**31  # processors that may be left free [count]
 
 
@@ -46,10 +46,10 @@ class Ensemble(Shared):
         One to be copied for all members, or one for each; their structures must have the same parameters.  The ensemble
         works on copies.
     members : int, optional
-        How many copies, where one identifier is given.
+        Number of copies, if one identifier is given.
     n_jobs : int, optional
-        Threads that `update_many` and `trace` share the members among, as in joblib: None is one, -1 is all processors,
-        -2 all but one.  The interpreter is free meanwhile.
+        Number of threads for `update_many` and `trace`, as in joblib: None is one, -1 is all processors, -2 all but
+        one.  They release the interpreter lock.
 
     Raises
     ------
@@ -58,16 +58,16 @@ class Ensemble(Shared):
 
     Notes
     -----
-    Members go through the processor's vector unit eight at a time.  Those of the default method do while their samples
-    are ordinary; by itself a member takes what is not (no output, an outlier, an input at rest, a model that is
-    renewed), and its start-up and solutions.  They need a refined filter, `RecursiveLeastSquares`, chunks of 32 samples
-    and no dead time.  Members that follow the gradient need a fixed filter, no instruments, no dead time and fewer
-    zeros than poles; with replay or without, each with settings, scaling and cutoff of its own.  Those eight must be of
-    one optimizer, and of one capacity and batch.  With equal seeds and as many samples in their buffers they read the
-    same rows, which is faster still.  All other members (`KalmanTracking`, a dead time) are stepped one after the
-    other, as by `Identifier.update_many`; they share the threads, but not the vectors.
+    The processor's vector unit steps eight members at a time.  Members with the default method use it while their
+    samples are ordinary; they need a refined filter, `RecursiveLeastSquares`, chunks of at least 32 samples and no dead
+    time.  Other samples (no output, an outlier, an input at rest, a renewed model), start-ups and solutions are done
+    member by member.  Members with a gradient optimizer need a fixed filter, no instruments, no dead time and fewer
+    zeros than poles; with or without replay, each with its own settings, scaling and cutoff.  Eight of them must have
+    the same optimizer, capacity and batch.  With equal seeds and equally filled buffers they read the same rows, which
+    is faster still.  All other members (`KalmanTracking`, a dead time) are stepped one after the other, as by
+    `Identifier.update_many`, with threads but without vectors.
 
-    Time stamps and references are not for ensembles: all members' clocks are regular.
+    Ensembles take no time stamps and no references: all clocks are regular.
 
     Examples
     --------
@@ -92,9 +92,9 @@ class Ensemble(Shared):
         self._turn = Turn()
         self._members = _copies(identifiers, members)
         self._blocks: list[Block] = []
-        self._companies: list[list[int]] = []  # numbers of members that went side by side, all of a company
+        self._companies: list[list[int]] = []  # numbers of members that were last stepped together as whole companies
         self._room, self._helpers = Room(), [Helper() for _ in range(_threads(n_jobs, len(self._members)) - 1)]
-        self._before = [member.taken for member in self._members]  # samples that the members came with
+        self._before = [member.taken for member in self._members]  # samples of the members before they were copied
         self._taken = 0  # samples that all members have taken since
         self._chunk: Chunk | None = None  # the samples of a call that was interrupted
 
@@ -108,7 +108,7 @@ class Ensemble(Shared):
 
     @reads
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs: the single members; the copy forms its blocks anew."""
+        """Return the attributes for a copy, with single members; the copy forms its blocks anew."""
         return vars(self) | {
             "_turn": None,
             "_members": [member.clone() for member in self._members],
@@ -121,7 +121,7 @@ class Ensemble(Shared):
         vars(self).update(attributes | {"_turn": Turn()})
 
     def _enter(self) -> None:
-        """Let all members take as many samples of a chunk that was interrupted as the first of them has."""
+        """Let all members take as many samples of an interrupted chunk as the most advanced one has."""
         if self._chunk is None:
             return
         self._set_aside()
@@ -139,7 +139,7 @@ class Ensemble(Shared):
         vars(self).update(_taken=self._taken + rows, _chunk=None)
 
     def _set_aside(self) -> None:
-        """Keep, of the chunk that was interrupted, what some members have taken and others have not."""
+        """Keep the part of an interrupted chunk that some members have taken and others have not."""
         assert self._chunk is not None
         self._chunk.stop()
         done = self._done()
@@ -148,7 +148,7 @@ class Ensemble(Shared):
         vars(self).update(_taken=self._taken + first, _chunk=rest)
 
     def _done(self) -> list[int]:
-        """Return how many samples of the present chunk each member has taken."""
+        """Return the number of samples of the present chunk that each member has taken."""
         before = zip(self._members, self._before, strict=True)
         return [member.taken - number - self._taken for member, number in before]
 
@@ -192,7 +192,7 @@ class Ensemble(Shared):
         Parameters
         ----------
         u, y : (K, M) arrays
-            A column each member, or (K,) for all alike, as in `update_many`.
+            A column for each member, or (K,) for all, as in `update_many`.
 
         Raises
         ------
@@ -206,7 +206,7 @@ class Ensemble(Shared):
 
     @changes
     def freeze(self) -> None:
-        """Stop adapting, all members; see `Identifier.freeze`.
+        """Stop adapting all members; see `Identifier.freeze`.
 
         Raises
         ------
@@ -217,7 +217,7 @@ class Ensemble(Shared):
 
     @changes
     def resume(self) -> None:
-        """Adapt again after `freeze`, all members.
+        """Adapt all members again after `freeze`.
 
         Raises
         ------
@@ -228,7 +228,7 @@ class Ensemble(Shared):
 
     @changes
     def reset(self) -> None:
-        """Forget every sample and begin again, all members."""
+        """Forget every sample and begin again with all members."""
         members = [member._draft() for member in self._members]
         for member in members:
             member._begin_again()
@@ -258,7 +258,7 @@ class Ensemble(Shared):
     @property
     @reads
     def transfer_functions(self) -> tuple[TransferFunction, ...]:
-        """The estimates as G(s), one a member."""
+        """The estimates as G(s), one for each member."""
         return tuple(member.transfer_function for member in self._members)
 
     @property
@@ -270,7 +270,7 @@ class Ensemble(Shared):
     @property
     @reads
     def samples(self) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-        """Accepted samples (M,); during start-up those collected."""
+        """Number of accepted samples (M,); during start-up of those collected."""
         return np.array([member.samples for member in self._members])
 
     @property
@@ -280,14 +280,14 @@ class Ensemble(Shared):
         return tuple(member.status for member in self._members)
 
     def _row(self, name: str, value: Any) -> FloatArray:
-        """Return one sample of each member as a chunk (1, M), or (1, 1) where it is the same for all."""
+        """Return one sample of each member as a chunk (1, M), or (1, 1) if it is the same for all."""
         array = array_of_reals(name, value)
         if array.shape not in ((), (len(self),)):
             raise InvalidArgumentError(f"{name} must be a number or have shape ({len(self)},), got shape {array.shape}")
         return array.reshape(1, -1)
 
     def _rows(self, name: str, value: Any) -> FloatArray:
-        """Return a chunk as (K, M), or as (K, 1) where it is the same for all members."""
+        """Return a chunk as (K, M), or as (K, 1) if it is the same for all members."""
         array = array_of_reals(name, value)
         if array.ndim == 1:
             return array[:, None]
@@ -311,12 +311,12 @@ class Ensemble(Shared):
         """Take a chunk; return errors (K, M) and the first ``size`` parameters (M, K, size) after each sample."""
         if u.shape[0] != y.shape[0]:
             raise InvalidArgumentError(f"u and y must have the same length, got {u.shape[0]} and {y.shape[0]} samples")
-        new = partial(aligned, new=np.empty) if helpers else np.empty  # threads wait for a line that both write to
+        new = partial(aligned, new=np.empty) if helpers else np.empty  # threads must not write to one cache line
         results = new((u.shape[0], len(self))), np.empty((len(self), u.shape[0], size))
         self._chunk = Chunk(u, y, len(helpers))
         try:
             self._take(self._chunk, helpers, *results)
-        except BaseException:  # KeyboardInterrupt included; where this is interrupted, too, the next call does it
+        except BaseException:  # also KeyboardInterrupt; if this is interrupted, too, the next call does it
             self._set_aside()
             raise
         vars(self).update(_taken=self._taken + len(u), _chunk=None)
@@ -344,7 +344,7 @@ class Ensemble(Shared):
         self._companies = [company.numbers for company in companies if company.all_together]
 
     def _lead_in(self, number: int, *chunk: FloatArray) -> int:
-        """Take a member's first samples by itself, until it may join a block; return how many."""
+        """Step a member alone until it is ready for a block; return the number of samples taken."""
         member, taken = self._members[number], 0
         while taken < chunk[0].shape[0] and may_join(member) and not is_ready(member):
             self._take_alone(number, self._room, taken, *(part[: taken + 1] for part in chunk[:2]), *chunk[2:])
@@ -364,7 +364,7 @@ class Ensemble(Shared):
             parameters[number, start:end] = trace.parameters
 
     def _form_blocks(self, reached: dict[int, int]) -> list[tuple[Block, int]]:
-        """Form blocks of members, see `form_blocks`, which work on their arrays from now on."""
+        """Form blocks, see `form_blocks`, and let their members use the arrays of the blocks from now on."""
         formed = form_blocks(self._members, reached)
         members = list(self._members)
         for block, _ in formed:

@@ -1,7 +1,7 @@
-"""Company: members of an ensemble go together: in blocks, those that follow the gradient, or in lanes, by threads.
+"""The members of an ensemble: blocks for gradient optimizers, lanes for those that keep a covariance, and threads.
 
-Members that keep a covariance are stepped side by side as long as they are alike.  What is due is done member by
-member, as a single identifier does it: the start-up, a solution, a look at an alarm.
+Members that keep a covariance are stepped in lanes while they are alike.  Start-ups, solutions and looks at an alarm
+are done member by member, as in a single identifier.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from replant.kernels.schema import StateSlots
 from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 
-LEAST = 5  # members that lanes pay for: they take about the time of five [count]
-LEAST_ALIKE = 4  # members with one random stream that a block pays for: it takes the time of three [count]
-LEAST_APART = 7  # members with streams of their own that a block pays for: it takes the time of six [count]
-# to go into lanes and to leave them takes as long as some ten samples
-FEWEST = 32  # rows of a chunk that lanes pay for [samples]
-# so that no thread waits long for the last one; and it is looked at again whose start-up has ended, say
-PORTION = 2048  # samples after which a thread may go on with other members [samples]
+LEAST = 5  # members from which lanes are faster: they take about the time of five [count]
+LEAST_ALIKE = 4  # members with one random stream from which a block is faster: it takes the time of three [count]
+LEAST_APART = 7  # members with random streams of their own from which a block is faster: the time of six [count]
+# entering and leaving lanes takes as long as some ten samples
+FEWEST = 32  # rows of a chunk from which lanes are faster [samples]
+# so that no thread waits long for the last one, and that lanes are formed anew, say after a start-up
+PORTION = 2048  # samples after which a thread may continue with other members [samples]
 
-ATTENTION = StateSlots.attention.index  # read in place, as it is read of each member of each chunk
+ATTENTION = StateSlots.attention.index  # read directly, as it is read for each member and chunk
 
 Take = Callable[..., None]  # takes the samples from a row on: (room, row, u, y, errors, parameters)
 Alone = Callable[..., None]  # takes a member's samples: (number, room, row, u, y, errors, parameters)
 
 
 def may_join(member: Identifier) -> bool:
-    """Return whether a member can be stepped in a block, now or, by its settings, after its start-up."""
+    """Return whether a member can be stepped in a block, now or, by its settings, perhaps after its start-up."""
     if member._settings is None:
         return not member._request.wants_instruments
     if member._state.refined:
@@ -55,7 +55,7 @@ def is_ready(member: Identifier) -> bool:
 
 
 def form_blocks(members: Sequence[Identifier], reached: dict[int, int]) -> list[tuple[Block, int]]:
-    """Return blocks of ready members that are alike, each with its first row; ``reached``: samples each has taken."""
+    """Return blocks of ready members that are alike, each with its first row; ``reached``: rows taken by each."""
     from replant.kernels.lanes import LANES
 
     ready = [n for n in reached if may_join(members[n]) and is_ready(members[n])]
@@ -74,7 +74,7 @@ def form_blocks(members: Sequence[Identifier], reached: dict[int, int]) -> list[
 
 
 def lane_of(member: Identifier) -> tuple[int, ...] | None:
-    """Return what members side by side must have in common, () while a start-up lasts; None: a member goes alone."""
+    """Return the key that members in lanes must have in common, () during start-up; None: the member runs alone."""
     request = member._request
     if member._mapped or request.structure.delay > 0.0 or not member._regular:
         return None
@@ -88,10 +88,10 @@ class Company:
 
     def __init__(self, numbers: Sequence[int], members: Sequence[Identifier], alone: Alone) -> None:
         self.numbers, self._members, self._alone = list(numbers), members, alone
-        self.all_together = False  # in the last piece
+        self.all_together = False  # whether all ran in the same lanes in the last piece
 
     def take(self, room: Room, start: int, *chunk: FloatArray) -> None:
-        """Take the samples from row ``start`` on, each member in the company of those that are ready and alike."""
+        """Take the samples from row ``start`` on: members that are ready and alike in lanes, the others alone."""
         alike: dict[tuple[int, ...], list[int]] = {}
         if len(chunk[0]) - start >= FEWEST:
             for number in self.numbers:
@@ -113,7 +113,7 @@ class Company:
         row, end = start, len(chunk[0])
         while row < end:
             states = [self._members[number]._state for number in numbers]
-            if row > start and any(kind(state) != one for state in states):  # what was due has changed it
+            if row > start and any(kind(state) != one for state in states):  # changed by work that was due
                 for number in numbers:
                     self._alone(number, room, row, *chunk)
                 return
@@ -123,7 +123,7 @@ class Company:
                 self._catch_up(number, room, reached, row, *chunk)
 
     def _catch_up(self, number: int, room: Room, reached: int, row: int, *chunk: FloatArray) -> None:
-        """Do what is due to a member, and let it take the samples that the others have taken meanwhile."""
+        """Do the work due for a member, and let it take the samples that the others have taken meanwhile."""
         member = self._members[number]
         if member._state.ints[ATTENTION]:
             reached = member._attend_after(reached, chunk[3][number])
@@ -132,7 +132,7 @@ class Company:
             self._alone(number, room, reached, u[:row], y[:row], *results)
 
     def _kind(self, number: int) -> tuple[int, ...] | None:
-        """Return the kind of lane that a member fits into now; None while its start-up lasts, or for good."""
+        """Return the kind of lane that a member fits into now; None during its start-up, or if there is none."""
         member = self._members[number]
         if member._state.ints[ATTENTION]:
             member._enter()
@@ -140,18 +140,18 @@ class Company:
 
 
 class Helper:
-    """A thread that helps with chunks, one after the other: to begin one anew takes as long as a hundred samples."""
+    """A thread that helps with one chunk after the other: starting a new one takes as long as a hundred samples."""
 
     def __init__(self) -> None:
         self.room = Room()
-        self._process = 0  # in which the thread runs: a fork has none
+        self._process = 0  # id of the process in which the thread runs: a fork has none
         self._works: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Helper, ()  # a copy has a thread of its own
 
     def do(self, work: Callable[[], None]) -> None:
-        """Let the thread do some work after that given before; it ends with the helper."""
+        """Queue some work for the thread, which ends with the helper."""
         if self._process != os.getpid():
             self._works = SimpleQueue()
             _thread.start_new_thread(_do_all, (self._works,))  # threading.Thread would wait until it runs
@@ -164,26 +164,26 @@ def _do_all(works: SimpleQueue[Callable[[], None] | None]) -> None:
     """Do work as it comes, up to None."""
     while (work := works.get()) is not None:
         work()
-        del work  # and all that it holds, before the next is waited for
+        del work  # frees what it holds before the wait for the next
 
 
 class Chunk:
-    """The samples of a call, and what stops the threads that take them."""
+    """The samples of a call, and the means to stop the threads that take them."""
 
     def __init__(self, u: FloatArray, y: FloatArray, helpers: int) -> None:
         self.u, self.y = u, y
         self.stopped = False
-        self.locks = [threading.Lock() for _ in range(helpers)]  # each is taken while a thread helps
+        self.locks = [threading.Lock() for _ in range(helpers)]  # each is held while a thread helps
 
     def wait(self) -> None:
-        """Wait until no other thread takes samples any more; one that has not begun yet will not."""
+        """Wait until no other thread takes samples; threads that have not begun yet will not begin."""
         with ExitStack() as held:
             for lock in self.locks:
                 held.enter_context(lock)
             self.stopped = True
 
     def stop(self) -> None:
-        """Wait likewise, but for the portions alone that other threads are at."""
+        """Stop other threads after their present portions, and wait for them."""
         self.stopped = True
         self.wait()
 
@@ -211,9 +211,9 @@ def carry_out(
     def help_in(room: Room, lock: threading.Lock) -> None:
         with lock:
             try:
-                # from the other end: in short chunks members stay with one thread, and in its processor's cache
+                # from the other end: in short chunks members stay in one thread, and in the cache of its processor
                 work(room, waiting.pop, waiting.appendleft)
-            except BaseException as error:  # it is the caller's, as are those of the caller's own thread
+            except BaseException as error:  # raised to the caller, as errors in the caller's thread are
                 failed.append(error)
                 chunk.stopped = True
 

@@ -1,4 +1,4 @@
-"""Estimate: the base class of `Identifier` that holds what is read from it and changes nothing."""
+"""Estimate: the base class of `Identifier` with all that is read from it; nothing here changes its state."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from replant.online.trace import Estimated
 from replant.verdict import Assessment, assess_running, assess_starting
 from replant.verdict.assess import judged
 
-#: The reasons of samples that count as accepted, too.
+#: Reasons for rejection of samples that also count as accepted.
 COUNTED = {"outlier", "stuck", "no output", "no reference"}
 
 
@@ -33,13 +33,13 @@ class Estimate(Shared):
     _settings: Settings | None
     _reference: bool
     _hold: int  # measured outputs that the start-up waits for
-    _dropped: int  # samples that the start-up has let go of
+    _dropped: int  # samples that the start-up has discarded
     _solved: Solved
     _state: State
 
     @property
     def request(self) -> Request:
-        """The settings as the user gave them, "auto" where the data decide."""
+        """The settings as the user gave them, "auto" for those chosen from the data."""
         return self._request
 
     @property
@@ -60,12 +60,12 @@ class Estimate(Shared):
     @property
     @reads
     def settings(self) -> Settings | None:
-        """The definite settings; None while samples are collected for the start-up."""
+        """The settings in use; None while samples are collected for the start-up."""
         return self._settings
 
     @property
     def _provisional(self) -> tuple[int, Refined] | None:
-        """The model during start-up and the number of samples that it is made from, if there is one."""
+        """The number of outputs that the provisional model is made from, and this model; None if there is none."""
         return provisional(self._request, collected(self._state), self._solved)
 
     @property
@@ -84,7 +84,7 @@ class Estimate(Shared):
         return self._estimate()()
 
     def _estimate(self) -> Estimated:
-        """Return what gives the present estimate, now or later: the samples that a start-up has collected stay."""
+        """Return a function that gives the present estimate, also later: collected samples stay unchanged."""
         size = self.structure.size
         if self._settings is None:
             return partial(provisional_parameters, self._request, collected(self._state), self._solved)
@@ -99,7 +99,7 @@ class Estimate(Shared):
     @property
     @reads
     def covariance(self) -> FloatArray:
-        """Covariance (P, P) of the estimate in physical units, the residual's colour taken into account.
+        """Covariance (P, P) of the estimate in physical units, with allowance for the residual's colour.
 
         NaN while there is no estimate, and without instruments, where noise biases the estimate by an unknown amount.
         """
@@ -111,9 +111,9 @@ class Estimate(Shared):
     @property
     @reads
     def noise(self) -> NoiseModel | None:
-        """The model of the residual's noise; None during start-up, and where the settings have none.
+        """The model of the residual's noise; None during start-up, and if the settings have none.
 
-        The default has one; a tracking optimizer, one of the gradient family, and a fixed filter have not.
+        The default has one; tracking and gradient optimizers and fixed filters have none.
         """
         if self._settings is None or not self._state.has_noise_model:
             return None
@@ -128,7 +128,7 @@ class Estimate(Shared):
     @property
     @reads
     def input_hold(self) -> str:
-        """How the input goes on between two samples: "zoh" or "foh"."""
+        """The input between two samples: "zoh" (held) or "foh" (linear)."""
         return self._request.input_hold if self._settings is None else self._settings.filter.input_hold
 
     @property
@@ -139,16 +139,16 @@ class Estimate(Shared):
     @property
     @reads
     def samples(self) -> int:
-        """Accepted samples; during start-up those collected."""
+        """Number of accepted samples; during start-up of those collected."""
         return self._state.samples
 
     @property
     @reads
     def taken(self) -> int:
-        """Samples given so far, rejected ones included: where to go on after an interrupt.
+        """Number of samples given so far, with rejected ones: where to continue after an interrupt.
 
-        Samples are in order from the first to this one: each was taken, with all that was due after it, and none behind
-        it was looked at, but one that confirms a sample held back.
+        All samples up to this one were taken, with all work due after them, and none of the following ones was used,
+        except one that confirms a sample held back.
         """
         counts = {reason: count for reason, count in self.rejected.items() if reason not in COUNTED}
         return self.samples + sum(counts.values()) + self._dropped
@@ -156,7 +156,7 @@ class Estimate(Shared):
     @property
     @reads
     def rejected(self) -> dict[str, int]:
-        """Rejected samples by reason."""
+        """Number of rejected samples by reason."""
         return {reason: getattr(self._state, slot.name) for reason, slot in REASONS.items()}
 
     @property
@@ -168,7 +168,7 @@ class Estimate(Shared):
     @property
     @reads
     def recent(self) -> FloatArray:
-        """The newest accepted samples (K, 3): input behind its map, output, and seconds since the sample before."""
+        """The newest accepted samples (K, 3): mapped input, output, and seconds since the sample before."""
         kept = RecentSamples.of(self._state).values[:, :3]
         if self._settings is None:
             return kept.copy()
@@ -178,7 +178,7 @@ class Estimate(Shared):
     @property
     @reads
     def recent_reference(self) -> FloatArray | None:
-        """The reference (K,) of the samples of `recent`; None where there is none."""
+        """The reference (K,) of the samples of `recent`; None without one."""
         if not self._reference:
             return None
         return RecentSamples.of(self._state).reference.copy()
@@ -186,7 +186,7 @@ class Estimate(Shared):
     @property
     @reads
     def judged(self) -> BoolArray:
-        """Which samples of `recent` (K,) the verdict uses: those since the last interruption that were not bridged."""
+        """Which samples of `recent` (K,) the verdict uses: since the last interruption, neither bridged nor stuck."""
         return judged(self._state, self.dt)
 
     @property
@@ -198,7 +198,7 @@ class Estimate(Shared):
     @property
     @reads
     def left_out(self) -> BoolArray:
-        """Which samples of the whole record (K,) its solution left out, see `Identifier.finish`; (0,) without one."""
+        """Which samples (K,) of the record the solution of `Identifier.finish` left out; (0,) without one."""
         state = self._state
         solved = state.finished_at == state.samples
         return RecentSamples.of(state, STORED).is_bridged if solved else np.zeros(0, bool)
@@ -206,7 +206,7 @@ class Estimate(Shared):
     @property
     @reads
     def loads(self) -> tuple[int, ...]:
-        """Accepted samples before each load that `Identifier.finish` has found; none once samples follow."""
+        """Accepted samples before each load that `Identifier.finish` has found; empty once samples follow."""
         state = self._state
         solved = state.finished_at == state.samples and not state.undecided
         return RecentSamples.of(state, STORED).loads if solved else ()
@@ -214,7 +214,7 @@ class Estimate(Shared):
     @property
     @reads
     def status(self) -> str:
-        """One of "starting", "running", or "diverged": an update was undone because it would have left float64."""
+        """One of "starting", "running", or "diverged": an update was undone as it would have exceeded float64."""
         if self._settings is None:
             return "starting"
         return "diverged" if self._state.refused else "running"
@@ -230,16 +230,16 @@ class Estimate(Shared):
     def assess(self) -> Assessment:
         """Return the verdict: whether to trust the estimate, why in plain words, and the figures behind it.
 
-        ``status`` says whether the model is right, ``excited`` whether anything can be learned now: a model that was
-        trusted stays so while the input rests.
+        ``status`` says whether the model is right, ``excited`` whether the newest samples are informative: a model that
+        was trusted stays so while the input rests.
 
-        The state stays as it is.  Takes some tens of milliseconds, and some tenths of a second at the end of a long
-        record, of which every sample is looked at.  See `replant.verdict.Assessment`.
+        The state does not change.  Takes some tens of milliseconds, and some tenths of a second after `finish` on a
+        long record, which is then examined as a whole.  See `replant.verdict.Assessment`.
         """
         return self._snapshot()._assess()
 
     def _snapshot(self) -> Estimate:
-        """Return a copy in the present state to look at, so that no other call waits; it takes no sample."""
+        """Return a read-only copy in the present state, so that no other call waits; it takes no sample."""
         raise NotImplementedError
 
     def _assess(self) -> Assessment:

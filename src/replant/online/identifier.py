@@ -1,4 +1,4 @@
-"""Identifier: connects filters, regressor, scaling, buffer and optimizer, and owns their state."""
+"""Identifier: the public interface of online identification; it owns the state and the kernels."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ from replant.online.running_model import model_of
 from replant.online.second_process import start
 from replant.online.trace import Later, StartingTrace, Trace, write
 
-NAN, INFINITE = math.nan, math.inf  # naN and infinity, looked up at every sample [number]
-# attributes that others lead to
+NAN, INFINITE = math.nan, math.inf  # NaN and infinity, as module names for fast access at each sample [number]
+# attributes that follow from the others
 DERIVED = {
     "_begun_with", "_forced_waits", "_gate", "_kernel", "_mapped", "_place", "_solved", "_step", "_steps", "_turn",
     "_wakes_at", "_spare",
 }  # fmt: skip
-# some 10 ms, beside which a call of the kernel, some 10 us, does not count
-PIECE = 8192  # updates of the estimate after which Ctrl-C is answered while a chunk is taken [updates]
+# some 10 ms; the overhead of a call of the kernel, some 10 us, is then negligible
+PIECE = 8192  # updates of the estimate after which Ctrl-C is handled while a chunk is taken [updates]
 
 if TYPE_CHECKING:
     from replant.online.checkpoint.encoding import Progress
@@ -53,49 +53,50 @@ if TYPE_CHECKING:
 
 
 class Identifier(Lifecycle):
-    r"""Identify G(s) online: samples go in one by one, the estimate is there after each.
+    r"""Identify G(s) online: the estimate is updated with each sample.
 
     Settings left at "auto" are chosen from the first samples, up to the ``startup``-th with an output.  These are
-    collected and then learned in their order, so that none is lost; until then `settings` is None, and the estimate a
-    provisional one of the samples so far.
+    collected and then learned in their order, so that none is lost; until then `settings` is None, and the estimate is
+    a provisional one from the samples so far.
 
     Parameters
     ----------
     structure : Structure or list of Structure
-        Or ``poles``, ``zeros`` and ``delay`` in its place.  Those of a list learn side by side, see
+        Or ``poles``, ``zeros`` and ``delay`` instead.  The structures of a list learn side by side, see
         `replant.online.bank.Bank`.
     dt : float
         Sampling time in s.
     poles, zeros : int or tuple of int
-        Number of poles and of zeros; of several inputs an entry for each, see `replant.online.miso_identifier`.
+        Number of poles and of zeros; a tuple has an entry for each of several inputs, see
+        `replant.online.miso_identifier`.
     delay : float or tuple of float
         Dead time in s.
     filter : RefinedFilter, StateVariableFilter or "auto"
-        "auto" is the refined filter for optimizers that keep a covariance, and else (s + cutoff)^n with the cutoff
+        "auto" is the refined filter for optimizers that keep a covariance, otherwise (s + cutoff)^n with the cutoff
         chosen from the data.
     scaling : Scaling, "auto" or None
-        None changes nothing.
+        None means no scaling.
     optimizer : Optimizer or "auto"
         Or the name of one (see `replant.estimation.optimizers.OPTIMIZERS`), its settings chosen from the data.
     replay : Replay, "auto" or None
         None learns each sample once.
     instruments : bool or "auto"
-        Use the noise-free companion of the regressor, zeta, where the update has phi.  "auto" does so with the
+        Use the instruments zeta, the noise-free regressor, instead of phi in the update.  "auto" does so with the
         refined filter and with optimizers that keep a covariance.
     normalize : bool
         Divide the error by :math:`m^2 = 1 + \varphi^T \varphi`, (13).
     preprocess : Preprocess
         Input map and working point.
     startup : int
-        Measured outputs from which settings and the first model are made.  Doubled, up to 20000, until they suffice
+        Number of measured outputs for the settings and the first model.  It is doubled, up to 20000, until they suffice
         for a first model that can make instruments.
     history : int
-        Raw samples kept after the start-up, from 0 to 30000.  Solving again and verdict are by these; `finish` solves a
-        record that is no longer.  Below 200 the verdict is made from running sums, and says what is not checked; with
-        too few for a model of what came since a change, nothing is solved again, and after one nothing is learned.
+        Raw samples kept after the start-up, from 0 to 30000, for verdicts and later solutions; `finish` needs the whole
+        record.  Below 200 the verdict is made from running sums, and says what is not checked.  If it is too small for
+        a model of the samples since a change, nothing is solved again, and nothing is learned after a change.
     background : bool
-        Compute what takes long after the start-up in a second Python, and take it up a fixed number of samples later:
-        5 % of the record, at least 20.  See Notes.
+        Run long computations after the start-up in a second Python, and use their results a fixed number of samples
+        later: 5 % of the record, at least 20.  See Notes.
 
     Raises
     ------
@@ -106,31 +107,30 @@ class Identifier(Lifecycle):
 
     Notes
     -----
-    A sample that is not finite, or whose magnitude exceeds 1e150, is rejected before it touches anything, and counted
-    in `rejected`.  An update that would leave float64 is undone: the last finite estimate stays and `status` says
+    A sample that is not finite, or whose magnitude exceeds 1e150, is rejected before it changes any state, and counted
+    in `rejected`.  An update that would exceed float64 is undone: the last finite estimate stays and `status` is
     "diverged".  Memory does not grow with the stream.
 
     An optimizer that keeps a covariance ignores implausible outputs: outliers, and those of a sensor that is stuck or
-    at its limit.  The filters see the model's output instead; such samples count in `rejected` and in `samples`.  A
-    sample whose output alone is missing (NaN) is treated alike, from the first output on.  A single input beyond
-    a thousand times its moving standard deviation is taken for misread: the sample is held back, and taken only if the
-    next input is as far away.  While it is held back it counts as rejected.
-    Where the residual grows and stays large, `assess` says that something has changed.  Suppositions of what it was
-    compete by their evidence: see `replant.estimation.solver.change_contest`.
+    at its limit.  The filters use the model's output instead; such samples count in `rejected` and in `samples`.  A
+    sample without an output (NaN) is treated in the same way, from the first output on.  A single input beyond a
+    thousand times its moving standard deviation is assumed to be misread: the sample is held back, and accepted only
+    if the next input is as far away.  While it is held back it counts as rejected.
+    If the residual grows and stays large, `assess` says that something has changed.  Hypotheses on the cause compete
+    by their evidence: see `replant.estimation.solver.change_contest`.
 
     Each time that the record has grown by half, up to 10000 samples, it is solved again as a whole, so that a poor
-    first model has no lasting effect.  Each time that it has grown by a quarter, later every 5000 samples, it is asked
-    whether the plant has changed within it.  Such a solution takes some tens of milliseconds, every other update about
-    a microsecond.
+    first model has no lasting effect.  Each time that it has grown by a quarter, later every 5000 samples, it is tested
+    for a change of the plant.  Such a solution takes some tens of milliseconds, every other update about a microsecond.
 
-    With ``background`` a solution that was begun at sample n is taken up at a count m that n decides; a new estimate
-    has then learned the samples since n, some with each `update` where the solution is there early.  Where it is not
-    there at m, `update` waits for it: `forced_waits` counts that.  So
-    the bits do not depend on how fast the machine is, or whether the second Python is ended.  A change is followed
-    later by as many samples.  One second Python serves all identifiers of a process, and ends with it; to start it
-    takes a second, at construction.  Where the record is as long as ``history``, its oldest m - n are left out.  What
-    reads, copies or saves leaves pending work alone, and a checkpoint holds it: saved and continued equals not
-    interrupted.  `finish`, `freeze`, `resume` and `reset` drop it; after `finish` and `resume` it is due again.
+    With ``background`` the result of a computation begun at sample n is used at a sample m that follows from n.  A new
+    estimate has then learned the samples since n, some with each `update` if the result is early.  If it is not there
+    at m, `update` waits for it, which `forced_waits` counts.  So the bits do not depend on the speed of the machine, or
+    on whether the second Python ends.  The response to a change is delayed by m - n samples.  One second Python serves
+    all identifiers of a process, and ends with it; starting it takes a second, at construction.  If the record is as
+    long as ``history``, its oldest m - n samples are left out.  Calls that read, copy or save do not disturb pending
+    work, and a checkpoint holds it: the result after loading is the same as without interruption.  `finish`, `freeze`,
+    `resume` and `reset` drop it; after `finish` and `resume` it is due again.
 
     References
     ----------
@@ -149,7 +149,7 @@ class Identifier(Lifecycle):
     """
 
     def __new__(cls, *args: Any, **given: Any) -> Any:
-        """Return an identifier; of several inputs, or of several structures, one of its own kind."""
+        """Return an identifier: a `Bank` for a list of structures, a `RowIdentifier` for several inputs."""
         structure = args[0] if args else given.get("structure")
         if cls is Identifier and len(args) > 2:
             raise ArgumentTypeError(f"Identifier takes structure and dt without their names, got {len(args)} values")
@@ -199,7 +199,7 @@ class Identifier(Lifecycle):
             self._start_background()
         self._begin_again()
 
-    #: That of ``__init__``: what makes several inputs an identifier of their own kind takes the same.
+    #: The signature of ``__init__``, which `__new__` shares.
     __signature__ = Signature([*signature(__init__).parameters.values()][1:])
 
     @changes
@@ -222,14 +222,14 @@ class Identifier(Lifecycle):
         ----------
         path : path
         progress : dict, optional
-            Of int, float and str, returned by `replant.online.saving.load`; how far a source was read, say.
+            Values of int, float and str that `replant.online.saving.load` returns, such as the position in a source.
 
         Raises
         ------
         CheckpointError
-            If the file cannot be written; the one that was there stays.
+            If the file cannot be written; the existing one stays.
         InvalidArgumentError
-            If something cannot be saved, as an ``input_map`` that is a function.
+            If something cannot be saved, such as an ``input_map`` that is a function.
         """
         from replant.online.checkpoint.files import write
 
@@ -247,7 +247,7 @@ class Identifier(Lifecycle):
         Raises
         ------
         InvalidArgumentError
-            If something cannot be saved, as an ``input_map`` that is a function.
+            If something cannot be saved, such as an ``input_map`` that is a function.
         """
         from replant.online.checkpoint.encoding import encode
 
@@ -260,7 +260,7 @@ class Identifier(Lifecycle):
         Parameters
         ----------
         data : bytes
-            What `to_bytes` has returned.
+            The result of `to_bytes`.
 
         Raises
         ------
@@ -311,12 +311,12 @@ class Identifier(Lifecycle):
 
     @property
     def background(self) -> bool:
-        """Whether a second Python computes what is due between samples."""
+        """Whether a second Python does the work due between samples."""
         return self._background
 
     @property
     def forced_waits(self) -> int:
-        """How often a result of ``background`` was not there when it was due, since construction or `replant.load`."""
+        """Number of late results of ``background``, since construction or `replant.load`."""
         return self._forced_waits
 
     def update(self, u: float, y: float, t: float | None = None, r: float | None = None) -> float:
@@ -328,19 +328,18 @@ class Identifier(Lifecycle):
         ----------
         u, y : float
         t : float, optional
-            Time stamp in s, for a clock that is not regular: given with every sample, or with none.  Filters and model
-            are exact for the interval that really passed.  A stamp that does not advance is rejected; after ten in a
-            row that advance among themselves the clock has been set, and the next one is believed.  After a gap of
-            20 dt the filters begin anew.  A sample whose stamp leaps by more than 50 dt is held back until the next
-            one tells: if that comes within 50 dt of it, or at most twice as far on as it had leapt, both are taken;
-            else it was misread.  A stamp beyond 4.5e13 dt from zero, where float64 resolves no hundredth of dt, is
-            rejected.
-            Without stamps a rejected sample takes no time: give them where some may be.
+            Time stamp in s, for an irregular clock, with every sample or with none.  Filters and model are exact for
+            the actual interval.  A stamp that does not advance is rejected; after ten in a row that advance among
+            themselves the clock is assumed to have been set, and the next one is accepted.  After a gap of 20 dt the
+            filters begin anew.  A sample whose stamp leaps by more than 50 dt is held back until the next one: if that
+            follows within 50 dt, or within twice the leap, both are accepted; otherwise the first was misread.  A stamp
+            beyond 4.5e13 dt from zero, where float64 does not resolve a hundredth of dt, is rejected.
+            Without stamps a rejected sample takes no time: give them if samples may be rejected.
         r : float, optional
-            Reference, where a controller makes the input: the set-point or a dither, whatever is applied from outside
-            and knows nothing of the disturbances.  Given with every sample, or with none; the unit does not matter.
-            One that is not finite is held at the last; until the first that is, samples are rejected.  The default
-            filter and optimizer alone use it.
+            Reference, if a controller makes the input: the set-point or a dither, applied from outside and independent
+            of the disturbances.  Given with every sample, or with none; its unit does not matter.  A value that is not
+            finite is replaced by the last one; before the first finite one, samples are rejected.  Only the default
+            filter and optimizer use it.
 
         Raises
         ------
@@ -370,15 +369,15 @@ class Identifier(Lifecycle):
 
     @changes
     def _take_one(self, u: float, y: float, t: float, r: float) -> float:
-        """Take one sample where more than its kernel is asked for."""
-        if self._reference == math.isnan(r):  # of the first samples, those of another thread may be
+        """Take one sample that needs more than its bound kernel."""
+        if self._reference == math.isnan(r):  # another thread may have taken the first samples
             self._check_reference(None if math.isnan(r) else r)
         if self._settings is None or (self._regular and not math.isnan(t)):
             mapped = self._request.preprocess.call_map(np.array([u])) if self._mapped else np.array([u])
             stamps = REGULAR if math.isnan(t) else np.array([t])
             references, errors = NOTHING if math.isnan(r) else np.array([r]), np.empty(1)
             while not self._take(mapped, np.array([y]), stamps, references, errors, np.empty((1, 0))):
-                pass  # one that was held back was taken
+                pass  # a sample held back was taken
             self._bind()
             return float(errors[0])
         while True:
@@ -386,7 +385,7 @@ class Identifier(Lifecycle):
             self._gate[0] = OPEN
             try:
                 return self._step(u, y, t, r)
-            except Attention:  # it confirms one that was held back
+            except Attention:  # it confirms a sample held back
                 self._enter()
 
     def _bind(self) -> None:
@@ -434,7 +433,7 @@ class Identifier(Lifecycle):
 
     @property
     def model(self) -> Model:
-        """What is worth keeping: G(s) with working point, uncertainty, noise model, fit and verdict.
+        """The model to keep: G(s) with working point, uncertainty, noise model, fit and verdict.
 
         Fit and working point are those of the newest samples, at most 10000.  Takes some tens of milliseconds.
 
@@ -456,16 +455,16 @@ class Identifier(Lifecycle):
     def finish(self) -> None:
         """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
 
-        Ends the start-up where it is not over and the samples give a model.  Where loads have acted the record is
-        parted, and offset and initial state are those since the last one.  The estimate stays where it is frozen,
-        where older samples are forgotten or no longer kept (there are more than 30000), with a method that is not the
-        default, and where the plant has changed meanwhile.  Samples may follow.
+        Ends a start-up if the samples give a model.  If loads have acted, the record is divided there, and offset and
+        initial state are those since the last one.  The estimate does not change if it is frozen, if older samples are
+        forgotten or no longer kept (more than 30000), with a method other than the default, and if the plant has
+        changed within the record.  Samples may follow.
         """
         self._as_one(Identifier._finish)
 
     @changes
     def freeze(self) -> None:
-        """Stop adapting: the filters still take samples, the estimate stays.
+        """Stop adapting: the filters still take samples, the estimate does not change.
 
         Raises
         ------
@@ -486,7 +485,7 @@ class Identifier(Lifecycle):
         self._as_one(Identifier._adapt, True)
 
     def _stamp(self, t: Any) -> float:
-        """Return a time stamp for the kernel: infinite, which the kernel rejects, where it is not finite."""
+        """Return a time stamp for the kernel; one that is not finite becomes infinite, which the kernel rejects."""
         self._check_clock()
         t = number("t", t)
         return t if math.isfinite(t) else math.inf
@@ -504,7 +503,7 @@ class Identifier(Lifecycle):
         return np.where(np.isfinite(stamps), stamps, np.inf)
 
     def _referenced(self, r: Any) -> float:
-        """Return a reference for the kernel: infinite, which the kernel does not use, where it is not finite."""
+        """Return a reference for the kernel; one that is not finite becomes infinite, which the kernel ignores."""
         self._check_reference(r)
         r = number("r", r)
         return r if math.isfinite(r) else math.inf
@@ -531,6 +530,6 @@ class Identifier(Lifecycle):
 
 
 def _is_default(name: str, value: Any) -> bool:
-    """Return whether an argument of `Identifier` is what it is without."""
+    """Return whether an argument of `Identifier` has its default value."""
     known = Identifier.__signature__.parameters.get(name)
     return known is not None and type(value) is type(known.default) and bool(value == known.default)

@@ -1,4 +1,4 @@
-"""Lifecycle: how an identifier starts, attends to what is due between samples, and goes on from another state."""
+"""Lifecycle: the start of an identifier, the work due between samples, and the change to another state."""
 
 from __future__ import annotations
 
@@ -33,33 +33,33 @@ from replant.online.startup import (
 )
 from replant.online.trace import Later, write
 
-NO_GATE = np.full(1, SHUT)  # of an identifier whose kernel for single samples is not bound
+NO_GATE = np.full(1, SHUT)  # gate of an identifier without a bound kernel for single samples
 
 T = TypeVar("T")
 
 
 def in_turn(u: float, y: float, t: float, r: float) -> NoReturn:
-    """Take no sample: the kernel for single samples is not bound."""
+    """Take no sample but raise `Attention`: the kernel for single samples is not bound."""
     raise Attention
 
 
 class Lifecycle(Estimate):
-    """The life of an `Identifier`: its state, the kernels that take samples, and what is due when."""
+    """The life of an `Identifier`: its state, the kernels that take samples, and the schedule of other work."""
 
     _resolve_at: int  # accepted samples at which to solve the record again; 0: not planned
     _begun_with: float  # error of the last sample of the start-up
-    _step: Step  # what takes the next sample
+    _step: Step  # takes the next single sample
     _gate: IntArray
     _regular: bool  # whether no time stamp has come
     _mapped: bool  # whether the input map is a function
     _kernel: Kernel
     _steps: Callable[..., int]
-    _background = False  # whether what is due is computed by a second process
-    _job: background.Job | None = None  # what that is doing
+    _background = False  # whether a second process does the work that is due
+    _job: background.Job | None = None  # its present job
     _place: second_process.Place | None = None  # the memory shared with it
     _forced_waits = 0
-    _spare: FloatArray  # the ring of a state that was in use before
-    _wakes_at: int  # accepted samples at which nothing is due yet but soon
+    _spare: FloatArray  # the ring of the state in use before
+    _wakes_at: int  # accepted samples shortly before work is due
 
     def _begin_again(self) -> None:
         self._drop_job()
@@ -73,14 +73,14 @@ class Lifecycle(Estimate):
             self._begin()
 
     def _collect(self, *, reference: bool) -> None:
-        """Begin the start-up; whether the samples come with a reference is known with the first of them."""
+        """Begin the start-up; the first sample determines whether samples come with a reference."""
         self._reference = reference
         self._work_on(State.collecting(self._request, reference=reference), regular=self._regular)
         if self._hold:
             self._plan()
 
     def _work_on(self, state: State, *, regular: bool, kernels: tuple[Kernel, Kernel] | None = None) -> None:
-        """Go on with a state: choose its step kernels; those for a regular clock serve until the first time stamp."""
+        """Continue with a state and choose its kernels: those for a regular clock until the first time stamp."""
         kernel, steps = kernels or step_kernels(state, regular=regular)
         vars(self).update(
             _state=state, _regular=regular, _kernel=kernel, _steps=steps, _step=in_turn, _gate=NO_GATE,
@@ -94,26 +94,26 @@ class Lifecycle(Estimate):
         return state
 
     def _but(self, **own: Any) -> Self:
-        """Return another one with the same attributes, but some of its own."""
+        """Return a shallow copy with some attributes replaced."""
         made = object.__new__(type(self))
         made.__dict__.update(vars(self) | own)
         return made
 
     def _moved_to(self, state: State) -> Self:
-        """Return this identifier, gone on with to arrays of the same content."""
+        """Return a copy that works on a state of equal content, with a regular clock."""
         moved = self._but()
         moved._work_on(state, regular=True)
         return moved
 
     def _draft(self, *, recent: bool = True) -> Self:
-        """Return a copy with its own arrays, the raw samples aside where asked for, and the same turn."""
+        """Return a copy with its own arrays and the same turn; without ``recent`` it shares the raw samples."""
         return self._but(_state=self._state.copy(recent=recent), _step=in_turn, _gate=NO_GATE)
 
     def _as_one(self, work: Callable[..., T], *given: Any, recent: bool = True) -> T:
-        """Do some work on a draft, and take it over in one bytecode: interrupted, it was not begun."""
+        """Do some work on a draft, and assign its attributes in one bytecode: an interrupt leaves the state before."""
         draft = self._draft(recent=recent)
         result = work(draft, *given)
-        # who still has the arrays before finds them waiting for attention, or their gate shut, and takes no sample
+        # a kernel bound to the former arrays takes no sample: they wait for attention, or their gate is shut
         vars(self).update(vars(draft))
         return result
 
@@ -122,7 +122,7 @@ class Lifecycle(Estimate):
         while self._state.attention:
             if self._background and self._settings is not None and self._state.held_at != BELIEVED:
                 self._attend_in_background()
-            else:  # of a review the raw samples stay as they are
+            else:  # a review does not change the raw samples
                 self._as_one(Lifecycle._attend, recent=self._settings is None or self._state.held_at == BELIEVED)
 
     def _leave(self) -> None:
@@ -132,8 +132,8 @@ class Lifecycle(Estimate):
         self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray,
         later: Later | None = None,
     ) -> int:  # fmt: skip
-        """Take samples up to one that needs attention, attend to it, and return how many were taken."""
-        # parameters are (K, P), or (K, 0) where nobody asks; a start-up leaves its own for later
+        """Take samples up to one that needs attention, do the work due, and return how many were taken."""
+        # parameters are (K, P), or (K, 0) if not wanted; those of a start-up are computed later
         chunk, starting = (u, y, t, r, errors, parameters, later), self._settings is None
         other = (t.size and self._regular) or (r.size and not self._reference)
         taken = self._as_one(Lifecycle._change_kernels, *chunk) if other else self._run(*chunk)
@@ -145,11 +145,11 @@ class Lifecycle(Estimate):
         return reached
 
     def _attend_after(self, taken: int, parameters: FloatArray, later: Later | None = None) -> int:
-        """Attend to what the last sample asks for; return how many were taken, of which that may be no part."""
+        """Do the work due after the last sample; return how many were taken, without one that must be repeated."""
         believed = self._state.held_at == BELIEVED
         self._enter()
         if believed:
-            return taken - 1  # the sample that confirms it is taken after it
+            return taken - 1  # the sample that confirms the one held back is taken after it
         if parameters.size:
             write(self._estimate(), parameters[taken - 1], later)
         return taken
@@ -163,14 +163,14 @@ class Lifecycle(Estimate):
         if self._settings is not None:
             taken = self._steps(*self._state.arrays, u, y, t, r, errors, parameters)
             return taken
-        estimate = self._estimate()  # the kernel has none to write
+        estimate = self._estimate()  # during start-up the kernel has no estimate to write
         taken = self._steps(*self._state.arrays, u, y, t, r, errors, np.empty((u.size, 0)))
         if parameters.size:
             write(estimate, parameters[:taken], later)
         return taken
 
     def _change_kernels(self, *chunk: Any) -> int:
-        """Run other kernels: the first time stamp of all has come, or the first reference."""
+        """Change the kernels, as the first time stamp or the first reference has come, and run them."""
         _, _, t, r, *_ = chunk
         if r.size and not self._reference:
             self._collect(reference=True)
@@ -179,7 +179,7 @@ class Lifecycle(Estimate):
         return self._run(*chunk)
 
     def _attend(self) -> None:
-        """Do what is due: make room, take a sample held back, end the start-up, look into an alarm, solve again."""
+        """Do the work due: make room, take a sample held back, end the start-up, examine an alarm, solve again."""
         self._state.make_room(self._most)
         if self._state.held_at == BELIEVED:
             take_held(self._state, self._steps)
@@ -193,7 +193,7 @@ class Lifecycle(Estimate):
     def _plan(self) -> None:
         """Set the sample at which the kernels next ask for attention."""
         self._state.attention_at = self._next_stop()
-        self._state.attention = False  # last: interrupted, this is done again
+        self._state.attention = False  # last, so that an interrupted call is repeated
 
     def _come_back(self) -> None:
         """Ask for attention with the next sample."""
@@ -216,12 +216,12 @@ class Lifecycle(Estimate):
         self._resolve_at, state.look_at = dues
         dues.append(state.room_until(self._most))
         first = min((due for due in dues if due), default=0)
-        # in the background twice before, too: code that has not run for long takes 60 us to begin, and then 5
+        # in the background also two samples before: code that has not run for long takes 60 us at first, then 5
         self._wakes_at = first - 2 if self._background else 0
         return max(self._wakes_at, now + 1) if self._background and first else first
 
     def _attend_in_background(self) -> None:
-        """Do what is due without a copy of the state; interrupted anywhere, it is done again."""
+        """Do the work due without a copy of the state; an interrupted call is repeated."""
         state, settings = self._state, self._settings
         assert settings is not None
         if state.samples == self._wakes_at:
@@ -235,7 +235,7 @@ class Lifecycle(Estimate):
             self._take_up(self._job)
             return
         elif state.samples == self._job.schedule.begun + 1:
-            pass  # to make the schedule takes an update of its own
+            pass  # making the schedule takes an update of its own
         elif self._job.place is None:
             self._job.take_place(self._made_place())
         elif not self._job.go_on(state, settings, self._resolve_at, self._most):
@@ -243,15 +243,15 @@ class Lifecycle(Estimate):
         self._plan()
 
     def _take_up(self, job: background.Job) -> None:
-        """Go on with what a job has led to."""
+        """Use the result of a job."""
         state, settings = self._state, self._settings
         assert settings is not None
         if job.wait():
             self._forced_waits += 1
-            second_process.start(wait=False)  # where it has ended
+            second_process.start(wait=False)  # in case it has ended
         found = job.outcome(state, settings, self._resolve_at, self._most)
         if job.needs_new(found, state):
-            draft = self._but()  # as in `_as_one`, where nothing is written to the state in use
+            draft = self._but()  # as in `_as_one`; nothing is written to the state in use
             draft._go_on_from(job, found)
             vars(self).update(vars(draft))
             return
@@ -272,24 +272,24 @@ class Lifecycle(Estimate):
         self._come_back()  # to plan what is next
 
     def _drop_job(self) -> None:
-        """Forget what is being computed: what was due then is due again."""
+        """Drop the present job: its work is due again."""
         if self._job is not None:
             self._job = None
             self._plan()
 
     def _made_place(self) -> second_process.Place:
-        """Make memory shared with the second Python, where there is none that nothing is written to."""
+        """Return memory shared with the second Python; a new one if there is none, or it is busy or of a parent."""
         if self._place is None or not self._place.is_mine or self._place.is_busy:
             self._place = second_process.Place(self._request.history)
         return self._place
 
     @property
     def _most(self) -> int:
-        """Raw samples kept at the most."""
+        """The most raw samples that are kept."""
         return collects_at_most(self._request) if self._settings is None else self._request.history
 
     def _end_startup(self, *, at_any_rate: bool = False) -> None:
-        """Begin where enough outputs are collected; else plan when to look again."""
+        """End the start-up if enough outputs are collected, or ``at_any_rate``; then plan the next attention."""
         state, given = self._state, self.taken
         is_full = state.samples >= self._most
         if at_any_rate:
@@ -303,20 +303,20 @@ class Lifecycle(Estimate):
         self._plan()
 
     def _begin(self, *, at_any_rate: bool = False, is_full: bool = False) -> None:
-        """Choose the settings, lay out the state and learn the samples collected."""
+        """Choose the settings, allocate the state and learn the samples collected; wait longer if there is no model."""
         old, request = self._state, self._request
         kept, solution = collected(old), None
         settings = settled(request, kept)
         if settings.instruments:
             solution = modelled(request, settings.preprocess, kept)
-            if solution is None and at_any_rate:  # the samples are kept: others may follow
+            if solution is None and at_any_rate:  # the samples are kept, as others may follow
                 return
             last = at_any_rate or 2 * self._hold > LONGEST_STARTUP
             if solution is None or not (solution.found.acceptable or last):
                 self._solved[measured(old)] = None if solution is None else solution.found
                 self._wait_longer(is_full=is_full)
                 return
-        at_once = self._background  # to lengthen the ring later would take longer than a sample
+        at_once = self._background  # lengthening the ring later would take longer than a sample
         state, self._begun_with = begin(old, settings, kept, solution, request.history, at_once=at_once)
         if at_any_rate:
             state.finished_at, state.gap_at = state.samples, 0
@@ -328,7 +328,7 @@ class Lifecycle(Estimate):
             self._resolve_at = next_revision(state, settings, self._most)
 
     def _wait_longer(self, *, is_full: bool) -> None:
-        """Double the start-up; at its limit drop the older half of the samples, as a rig may idle before it moves."""
+        """Double the start-up; at its limit drop the older half of the samples, as a plant may rest at first."""
         if 2 * self._hold <= LONGEST_STARTUP and not is_full:
             self._hold *= 2
         else:

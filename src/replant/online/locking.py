@@ -1,12 +1,12 @@
-"""Turns: the calls on one object go one after the other, from whatever thread they come, and none is left half done.
+"""Turns: calls on one object from any thread run one after the other, and an interrupt leaves none half done.
 
-A call has its turn as long as it holds a lock.  Taking one at every single sample would cost more than the sample: what
-takes single samples passes a gate instead, one number that compiled code looks at (`replant.kernels.native`),
-and waits for its turn only where that is shut.
+A call holds a lock during its turn.  Locking at each single sample would take longer than the sample: the kernel for
+single samples checks a gate instead, one number that compiled code reads (`replant.kernels.native`), and the call waits
+for its turn only if the gate is shut.
 
 A signal handler runs in the main thread between any two bytecodes, and may raise, as Ctrl-C does.  The interpreter
-takes the lock of a ``with`` and gives it back in C, so that no lock stays taken.  What else a call leaves behind is up
-to it: it works on a copy, and takes that over in one step (`Identifier._as_one`).
+acquires and releases the lock of a ``with`` in C, so that no lock stays held.  To leave a whole state, a call works on
+a copy, and assigns it in one step (`Identifier._as_one`).
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ S = TypeVar("S", bound="Shared")
 
 
 class Turn:
-    """The locks of one object: ``lock`` is the turn of a thread; within it ``inside`` tells a call within a call."""
+    """The locks of one object: ``lock`` is the turn of a thread; ``inside`` detects a call within a call."""
 
     def __init__(self) -> None:
         self.lock: Any = threading.RLock()
         self.inside: Any = threading.Lock()
-        self.changing = False  # whether the call that was let in last may change something
+        self.changing = False  # whether the call that entered last may change something
         _EVERY.add(self)
 
     def begin_child(self) -> None:
-        """Free a forked process of the call of a thread that it has not got; refuse what that may have torn."""
-        if self.lock.acquire(blocking=False):  # free, or of the thread that forked
+        """In a forked process, release the lock of a thread that is missing there; refuse a state it was changing."""
+        if self.lock.acquire(blocking=False):  # free, or held by the thread that forked
             self.lock.release()
             return
         torn = self.changing and self.inside.locked()
@@ -44,7 +44,7 @@ class Turn:
 
 
 class _Torn:
-    """Stands for ``inside`` where another thread was changing the object as the process forked."""
+    """Replaces ``inside`` if another thread was changing the object when the process forked."""
 
     def locked(self) -> NoReturn:
         raise InUseError(
@@ -66,24 +66,24 @@ if hasattr(os, "register_at_fork"):
 
 
 class Shared:
-    """An object that several threads may use: its methods are marked by `reads` or `changes`."""
+    """An object that several threads may use; its methods are decorated with `reads` or `changes`."""
 
     _turn: Turn
 
     def _enter(self) -> None:
-        """Shut the gate, and do what is due."""
+        """Shut the gate, and do the work due."""
 
     def _leave(self) -> None:
         """Open the gate."""
 
 
 def reads(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """Return the method as one that waits for its turn."""
+    """Decorate a method to wait for its turn."""
     return _in_turn(method, changing=False)
 
 
 def changes(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """Return the method as one that waits for its turn, and is refused within another call of the same thread."""
+    """Decorate a method to wait for its turn, and to be refused within another call of the same thread."""
     return _in_turn(method, changing=True)
 
 
@@ -92,7 +92,7 @@ def _in_turn(method: Callable[Concatenate[S, P], R], *, changing: bool) -> Calla
     def in_turn(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
         turn = self._turn
         with turn.lock:
-            if turn.inside.locked():  # by this thread: a signal handler, or a user's function that is called
+            if turn.inside.locked():  # by this thread: a call from a signal handler or from a user's function
                 if changing:
                     raise InUseError(
                         "what changes an object cannot be called within another call on it, as from a signal handler "
@@ -101,11 +101,11 @@ def _in_turn(method: Callable[Concatenate[S, P], R], *, changing: bool) -> Calla
                 result = method(self, *args, **kwargs)
             else:
                 with turn.inside:
-                    turn.changing = True  # what is due may change something, too
+                    turn.changing = True  # the work due may change something, too
                     self._enter()
                     turn.changing = changing
                     result = method(self, *args, **kwargs)
-                    self._leave()  # left out where this is interrupted: the next call does it
+                    self._leave()  # not reached if interrupted: the next call does it
         return result
 
     return in_turn

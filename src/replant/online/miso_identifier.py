@@ -33,28 +33,28 @@ if TYPE_CHECKING:
     from replant.online.checkpoint.encoding import Progress
     from replant.online.checkpoint.files import AnyPath
 
-PIECE = 8192  # samples after which Ctrl-C is answered while a chunk is taken [samples]
+PIECE = 8192  # samples after which Ctrl-C is handled while a chunk is taken [samples]
 
 
 class RowIdentifier(Shared):
-    r"""Identify several inputs online; what `Identifier` makes of an entry of ``poles`` for each.
+    r"""Identify a plant of several inputs online; `Identifier` returns it if ``poles`` has an entry for each input.
 
     .. math:: y = \sum_i \frac{B_i(s)}{A_i(s)} e^{-s\,\mathrm{delay}_i} u_i + \mathrm{offset} + \mathrm{noise}
 
     Parameters
     ----------
     poles, zeros : tuple of int
-        Of each input.
+        Number of poles and of zeros of each input.
     delay : tuple of float
-        Dead times in s.
+        Dead time of each input in s.
     dt : float
         Sampling time in s.
     startup : int
-        Outputs from which the first model is made.
+        Number of outputs for the first model.
     history : int
-        Raw samples kept, from 10000 to 30000: `finish` solves a record that is no longer.
+        Raw samples kept, from 10000 to 30000; `finish` needs the whole record.
     input_hold : {"zoh", "foh"}
-        Whether the inputs are held between two samples or go on in a straight line.
+        Whether the inputs between two samples are held or linear.
     input_names : tuple of str
         By default u1, u2, ..
 
@@ -65,15 +65,15 @@ class RowIdentifier(Shared):
 
     Notes
     -----
-    Each time that the record has grown by half, up to 10000 samples, it is solved again as a whole, and where an input
-    has moved half as often again.  In between, and later, a joint update of all coefficients follows the samples.  Then
-    and once in between a change is looked for: a load, since which the offset is another one, or another plant, since
-    which the record begins anew.
+    Each time that the record has grown by half, up to 10000 samples, it is solved again as a whole; also when the
+    number of moves of an input has grown by half.  In between, and later, a joint update of all coefficients follows
+    the samples.  At each solution and once in between the record is tested for a change: for a load, which changes the
+    offset, or for another plant, with which the record begins anew.
 
-    A sample whose inputs or time are not finite, or larger than 1e150, is rejected; one whose output alone is missing
-    (NaN) moves the model, and nothing is learned from it.  Where the record is solved again, and for the verdict,
-    outliers and outputs of a stuck sensor are left out, as by `fit`; until then an error counts as six standard
-    deviations at the most.
+    A sample whose inputs or time are not finite, or larger than 1e150, is rejected; a sample without an output (NaN)
+    drives the model, but nothing is learned from it.  When the record is solved again, and for the verdict, outliers
+    and outputs of a stuck sensor are left out, as by `fit`; until then an error counts as at most six standard
+    deviations.
 
     Examples
     --------
@@ -109,7 +109,7 @@ class RowIdentifier(Shared):
 
     @property
     def _now(self) -> RowState:
-        """The state; that of the last chunk takes the single samples since, and stays as it is."""
+        """The state, with the single samples since the last chunk."""
         return self._kept.now
 
     @_now.setter
@@ -145,12 +145,12 @@ class RowIdentifier(Shared):
 
     @classmethod
     def of(cls, request: RowSettings) -> RowIdentifier:
-        """Return an identifier that begins with the settings of another one, see `request`."""
+        """Return a new identifier with the settings of another one, see `request`."""
         return cls._with(RowState.of(request))
 
     @property
     def request(self) -> RowSettings:
-        """The settings as they were given, and checked."""
+        """The settings as they were given, checked."""
         return self._kept.state.settings
 
     def save(self, path: AnyPath, progress: Progress | None = None) -> None:
@@ -179,12 +179,12 @@ class RowIdentifier(Shared):
         y : float
             NaN: no output.
         t : float, optional
-            Time stamp in s, given with every sample or with none, see `Identifier.update`: one that does not advance
-            is rejected, one that leaps waits for the next, and after ten in a row the clock was set.  After a gap of
-            20 dt offset and initial states are estimated anew.
+            Time stamp in s, with every sample or with none, see `Identifier.update`: one that does not advance is
+            rejected, ten of them in a row mean that the clock was set, and one that leaps waits for the next.  After a
+            gap of 20 dt offset and initial states are estimated anew.
         r : float or sequence of float, optional
-            Where a controller makes an input: the set-point or a dither, or several of them, given with every sample or
-            with none, as for `replant.fit`.  NaN leaves the output of the sample out.
+            References, if a controller makes an input: set-points or dithers, with every sample or with none, as for
+            `replant.fit`.  NaN leaves the output of the sample out.
 
         Raises
         ------
@@ -202,12 +202,12 @@ class RowIdentifier(Shared):
 
     @changes
     def _take_one(self, u: Sequence[float], y: float, t: float | None) -> float | None:
-        """Take a sample that moves the recursion and nothing else; of another one take nothing, and return None."""
+        """Take a sample that needs the recursion alone and return its error; return None, untaken, for others."""
         kept = self._kept
         interval = kept.interval_to(u, y, t)
         if interval is None:
             return None
-        self._kept = kept._replace(step=None)  # whoever is interrupted has the state before, and makes the step anew
+        self._kept = kept._replace(step=None)  # an interrupt leaves the state before, and the step is made anew
         step = kept.step or RowStep(kept.now)
         error, is_alarm = step.take(u, y, interval)
         self._kept = kept.with_more(step, (*u, y, 0.0 if t is None else t), is_alarm=is_alarm)
@@ -273,22 +273,22 @@ class RowIdentifier(Shared):
     def finish(self) -> None:
         """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
 
-        Changes are looked for once more within all samples kept: what seemed to be one may be none.  The estimate stays
-        where it is frozen or was, as a solution would learn the samples that came meanwhile, and where older samples
+        All samples kept are tested for changes again: a change that was found may be dropped.  The estimate does not
+        change if it is or was frozen, as a solution would learn the samples that came meanwhile, and if older samples
         are no longer kept.  Samples may follow.
         """
         now = self._now
         if not now.kept.measured or now.was_frozen:
             return
         done = now.finished()
-        if now.recursion is not None:  # it is solved again when it would have been
+        if now.recursion is not None:  # later solutions keep their schedule
             self._now = replace(done, solve_at=now.solve_at, look_at=now.look_at)
         elif done.recursion is not None:
             self._now = done
 
     @changes
     def freeze(self) -> None:
-        """Stop adapting: the filters still take samples, the estimate stays.
+        """Stop adapting: the filters still take samples, the estimate does not change.
 
         Raises
         ------
@@ -304,12 +304,12 @@ class RowIdentifier(Shared):
 
     @changes
     def resume(self) -> None:
-        """Adapt again after `freeze`, sample by sample: no change is looked for any more, `reset` begins anew."""
+        """Adapt again after `freeze`, sample by sample, without solutions and tests for changes until `reset`."""
         self._now = replace(self._now, adapts=True)
 
     @property
     def structures(self) -> tuple[Structure, ...]:
-        """That of each input."""
+        """The structure of each input."""
         return self.request.structures
 
     @property
@@ -329,13 +329,13 @@ class RowIdentifier(Shared):
 
     @property
     def parameters(self) -> FloatArray:
-        """The estimate (P,) in physical units, in the order of `names`; zero while there is none."""
+        """The estimate (P,) in physical units, in the order of `names`; zero before the first one."""
         state, step, _ = self._kept
         return state.parameters if step is None else step.parameters
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance (P, P) of the estimate in physical units; NaN while there is none."""
+        """Covariance (P, P) of the estimate in physical units; NaN before the first one."""
         known, size = self._now.recursion, self.request.size
         return np.full((size, size), np.nan) if known is None else known.covariance
 
@@ -362,23 +362,23 @@ class RowIdentifier(Shared):
 
     @property
     def input_hold(self) -> str:
-        """What the inputs do between samples."""
+        """The inputs between two samples: "zoh" (held) or "foh" (linear)."""
         return self.request.input_hold
 
     @property
     def begins(self) -> tuple[int, ...]:
-        """Accepted samples before the record that the estimate is of, then before each load that was found in it."""
+        """Accepted samples before the record of the estimate, then before each load that was found in it."""
         return self._now.record_began, *self._now.loads
 
     @property
     def recent(self) -> tuple[FloatArray, FloatArray]:
-        """Inputs (K, q) and outputs (K,) of the plant's newest accepted samples, as many as the verdict looks at."""
+        """Inputs (K, q) and outputs (K,) of the newest accepted samples, as many as the verdict uses."""
         values = self._now.newest_rows
         return values[:, : len(self.structures)].copy(), values[:, -2].copy()
 
     @property
     def recent_intervals(self) -> FloatArray:
-        """Seconds (K,) since the sample before, of the same samples."""
+        """Intervals (K,) in s before each of the same samples."""
         state, clock = self._now, self._now.newest_rows[:, -1]
         return np.diff(clock, prepend=clock[:1] - self.dt) if state.stamped else np.full(clock.size, self.dt)
 
@@ -389,18 +389,18 @@ class RowIdentifier(Shared):
 
     @property
     def samples(self) -> int:
-        """Accepted samples."""
+        """Number of accepted samples."""
         state, _, since = self._kept
         return state.samples + len(since)
 
     @property
     def rejected(self) -> dict[str, int]:
-        """Rejected samples by reason; those without an output count as accepted, too."""
+        """Number of rejected samples by reason; those without an output also count as accepted."""
         return dict(self._kept.state.rejected)
 
     @property
     def taken(self) -> int:
-        """Samples given so far, rejected ones included: where to go on after an interrupt."""
+        """Number of samples given so far, with rejected ones: where to continue after an interrupt."""
         state = self._now
         return state.samples + sum(state.rejected.values()) - state.rejected["no output"]
 
@@ -411,13 +411,13 @@ class RowIdentifier(Shared):
 
     @property
     def status(self) -> str:
-        """One of "starting", "running", or "diverged": an update was undone because it would have left float64."""
+        """One of "starting", "running", or "diverged": an update was undone as it would have exceeded float64."""
         known = self._now.recursion
         return "starting" if known is None else "diverged" if known.counts[2] else "running"
 
     @property
     def model(self) -> RowModel:
-        """What is worth keeping: each G(s) with working point, joint uncertainty, noise model, fit and verdict.
+        """The model to keep: each G(s) with working point, joint uncertainty, noise model, fit and verdict.
 
         Fit and working point are those of the newest samples, at most 10000.
 
@@ -432,10 +432,10 @@ class RowIdentifier(Shared):
         return found.model
 
     def fit_of_newest(self, others: Mapping[str, FloatArray] = NO_COLUMNS) -> RowFit | None:
-        """Return the estimate as a fit of the newest samples, at most 10000; None where they are too few.
+        """Return the estimate as a fit of the newest samples, at most 10000; None if they are too few.
 
-        The verdict is told of ``others``, further columns of the samples of `recent`.  The output is NaN where the
-        plant answers to inputs from before the samples, or from before a gap in them.
+        The verdict also tests ``others``, further columns of the samples of `recent`.  The output is NaN where it
+        depends on inputs from before the samples, or from before a gap in them.
         """
         state = self._now
         found = newest_of(state, others)

@@ -1,4 +1,4 @@
-"""What an identification of several inputs says of its newest samples."""
+"""The estimate and the verdict of an identification of several inputs over its newest samples."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NO_COLUMNS: Mapping[str, FloatArray] = {}
 
 
 class Newest(NamedTuple):
-    """The newest samples, what the estimate is over them, and the verdict."""
+    """The newest samples, the estimate evaluated over them, and the verdict."""
 
     ready: RowRecord
     solution: RowSolution
@@ -34,7 +34,7 @@ class Newest(NamedTuple):
 
 @quiet
 def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) -> Newest | None:
-    """Return the newest samples, and what the estimate is over them; None where they are too few."""
+    """Return the newest samples with the estimate over them and the verdict; None if they are too few."""
     known = state.recursion
     if known is None:
         return None
@@ -50,7 +50,7 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
     if row.count <= row.nuisances:
         return None
     point = _over(row, known)
-    # without a noise model the error has a colour, and inputs seem to answer to it
+    # findings of the last solution take precedence: without a noise model inputs seem to answer a coloured error
     of_model = state.findings or faults(row, point, known.noise)
     findings: list[Finding] = []
     if not row.is_stable(known.parameters):
@@ -70,6 +70,6 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
 
 
 def _over(row: Row, known: RowRecursion) -> Point:
-    """Return what an estimate is over a row."""
+    """Return the estimate evaluated over a row."""
     point = evaluate(row, known.parameters, known.noise)
     return evaluate(row, known.parameters, known.noise, point)  # with the initial states of the first

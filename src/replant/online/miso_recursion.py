@@ -1,7 +1,7 @@
-"""The recursion of a row: between two solutions of the record its filters rest, and a joint update follows the samples.
+"""The recursion of a row: a joint update between two solutions of the record, during which the filters do not change.
 
-Filters that are renewed with kept states are off by what the states are: 17 to 63 standard deviations were measured,
-where those that rest are off by .02 to .4 of one.
+If filters are changed but keep their states, the states are wrong for the new filters: estimates were then off by 17 to
+63 standard deviations, with unchanged filters by .02 to .4.
 """
 
 from __future__ import annotations
@@ -35,30 +35,30 @@ from replant.numerics.linear_algebra import (
     sum_of_squares,
 )
 
-# a thousandth of the output's size is then as good as nothing known, and float64 keeps half of its digits
-DIFFUSE = 1e3  # standard deviation of offset and initial states behind a gap, before a sample [sizes of the output]
+# the prior then hardly counts, and float64 keeps half of its digits
+DIFFUSE = 1e3  # prior standard deviation of offset and initial states after a gap [sizes of the output]
 
-# the sum goes beyond h within n samples with the chance n exp(-h): within 1 / `ALPHA` samples with `ALPHA`
-SURPRISE = -2.0 * math.log(ALPHA)  # limit of Page's sum, beyond which the innovations are larger than before [nats]
+# the sum exceeds h within n samples with probability n exp(-h): within 1 / `ALPHA` samples with `ALPHA`
+SURPRISE = -2.0 * math.log(ALPHA)  # limit of Page's sum above which the innovations have grown [nats]
 
 DYING = 100  # samples after which a response to an initial state has shown how large it is [samples]
 
 
 @dataclass(frozen=True, eq=False)
 class Instruments:
-    """What goes on to make instruments, where references move inputs."""
+    """The state that makes instruments, if references move inputs."""
 
-    law: Law  # by which inputs follow what comes from outside
-    is_moved: BoolArray  # (q,)
-    models: Branches  # that run what comes from outside of the inputs
-    origin: FloatArray  # (q,): from where these count
+    law: Law  # how inputs follow signals from outside
+    is_moved: BoolArray  # (q,): which inputs references move
+    models: Branches  # driven by the part of the inputs from outside
+    origin: FloatArray  # (q,): subtracted from that part
     tail: FloatArray  # (LAGS, P + N): instruments of the newest samples
 
     @classmethod
     def of(
         cls, row: Row, stretch: Stretch, theta: FloatArray, states: FloatArray, columns: FloatArray
     ) -> Instruments | None:
-        """Return those behind the last stretch of a record, whose instruments (K, P + N) are known; None without."""
+        """Return the state after a record's last stretch, given its instruments (K, P + N); None without references."""
         outside, models = row.outside, row.ended_outside(theta, stretch, states)
         if outside is None or models is None:
             return None
@@ -73,7 +73,7 @@ class Instruments:
         intervals: FloatArray,
         free: FloatArray,
     ) -> tuple[Instruments, FloatArray]:
-        """Return those after K samples of inputs and references, and the instruments (LAGS + K, P + N)."""
+        """Return the state after K samples of inputs and references, and the instruments (LAGS + K, P + N)."""
         law, explained = self.law.follow(np.column_stack([r, u[:, ~self.is_moved]]))
         models, outside = self.models.copy(), with_moved(u, self.is_moved, explained)
         records = _records(outside - self.origin, intervals)
@@ -82,7 +82,7 @@ class Instruments:
         return replace(self, law=law, models=models, tail=rows[-LAGS:].copy()), rows
 
     def begun_at(self, u: FloatArray, coefficients: list[FloatArray], states: FloatArray) -> Instruments:
-        """Return those of a stretch that begins at inputs (q,)."""
+        """Return the state for a stretch that begins at inputs (q,)."""
         models = self.models.copy()
         models.begin(coefficients, states)
         return replace(self, models=models, origin=u.copy())
@@ -92,18 +92,18 @@ class Instruments:
 class RowRecursion:
     """An estimate that follows the samples; `take` returns the next one."""
 
-    # the model that the filters are made of: coefficients (P,); offset and initial states (N,)
+    # the model of the filters: coefficients (P,); offset and initial states (N,)
     theta: FloatArray
     weights: FloatArray
     noise: Autoregression
     dt: float  # usual interval in s
     size: float  # standard deviation of the output
     power: float  # variance of the error
-    scale: FloatArray  # (P,): by how much a standard deviation is larger than if the whitened error were white
+    scale: FloatArray  # (P,): ratio of a standard deviation to that with a white whitened error
     models: Branches
-    origin: FloatArray  # (q,): inputs at the beginning of the stretch, from where the filters count
-    level: float  # mean of the output, the same
-    waits: float  # time in s until the outputs answer to inputs of the stretch: the dead time, behind a gap
+    origin: FloatArray  # (q,): inputs at the begin of the stretch, which are subtracted
+    level: float  # mean of the output, which is subtracted
+    waits: float  # time in s until outputs depend on inputs of the stretch alone: the dead time; -1: begins next
     tail: FloatArray  # (LAGS, P + N + 1): regressor and error of the newest samples
     # (P + N,), (P + N, P + N), (P + N,), (4,) and (3,): see `replant.kernels.step.miso.learn`
     delta: FloatArray
@@ -116,7 +116,7 @@ class RowRecursion:
     @classmethod
     @quiet
     def of(cls, row: Row, found: RowEstimate, level: float, newest: int) -> RowRecursion:
-        """Return the recursion that goes on behind the last stretch of a record, of an output with that mean."""
+        """Return the recursion that continues after the last stretch of a record; ``level``: the output's mean."""
         point, stretch, theta = found.point, row.stretches[-1], found.point.theta
         weights = point.nuisances[-1]
         outputs, slopes, free = row.signals(theta, stretch, weights[1:])
@@ -126,7 +126,7 @@ class RowRecursion:
         zeta = columns if made is None else np.hstack([made, free])
         white = row.whitened(found.noise, zeta, stretch)
         information = products(white, white)
-        for each in point.zeta[:-1]:  # of the stretches before, offset and initial states are their own
+        for each in point.zeta[:-1]:  # earlier stretches have offsets and initial states of their own
             information[: theta.size, : theta.size] += products(each, each)
         factor, diagonal = factor_information(information)
         variance = point.cost / max(row.count - columns.shape[1], 1)
@@ -139,14 +139,14 @@ class RowRecursion:
             point.power / max(row.count - columns.shape[1], 1), scale,
             row.ended(theta, stretch, weights[1:]), row.inputs[stretch.rows][0], level, 0.0,
             tail, np.zeros(columns.shape[1]), factor, diagonal, np.array([known, row.count, 0, 0]),
-            # innovations as large as those of the newest samples raise no alarm
+            # the last: innovations as large as those of the newest samples raise no alarm
             np.array([point.cost, 0.0, _variance_of(point, stretch, newest)]),
             Instruments.of(row, stretch, theta, weights[1:], zeta),
         )  # fmt: skip
 
     @property
     def structures(self) -> tuple[Structure, ...]:
-        """That of each branch."""
+        """The structure of each branch."""
         return self.models.structures
 
     @property
@@ -156,31 +156,31 @@ class RowRecursion:
 
     @property
     def harmless(self) -> float:
-        """Variance of an error that does not matter."""
+        """Variance of an error that is negligible."""
         return (HARMLESS * self.size) ** 2
 
     @property
     def noise_model(self) -> NoiseModel:
-        """The model of the noise, as a value."""
+        """The model of the noise as a `NoiseModel`."""
         return NoiseModel(self.noise.coefficients, self.variance, self.power, self.dt)
 
     @property
     def variance(self) -> float:
-        """That of the whitened error."""
+        """Variance of the whitened error."""
         return float(self.squares[0]) / max(int(self.counts[1]) - self.delta.size, 1)
 
     def used_to(self, point: Point, stretch: Stretch, newest: int) -> RowRecursion:
-        """Return the recursion that innovations as large as those of the newest samples do not surprise."""
+        """Return the recursion with the alarm set to the innovations' variance over the newest samples."""
         return replace(self, squares=np.array([self.squares[0], 0.0, _variance_of(point, stretch, newest)]))
 
     @property
     def surprising(self) -> int:
-        """How many samples the innovations have been larger for, beyond chance; 0 where they are not."""
+        """Number of samples since the innovations have grown significantly; 0 if they have not."""
         return int(self.counts[3]) if self.squares[1] > SURPRISE else 0
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the estimate (P, P)."""
+        """Covariance (P, P) of the estimate."""
         size = self.theta.size
         white = compose(self.factor, self.diagonal)[:size, :size]
         return np.asarray(white * self.variance * self.scale * self.scale[:, None])
@@ -190,7 +190,7 @@ class RowRecursion:
         self, u: FloatArray, y: FloatArray, r: FloatArray, intervals: FloatArray, *, learns: bool = True
     ) -> tuple[RowRecursion, FloatArray, FloatArray, int]:
         """Take K samples; return the recursion after them, errors (K,), estimates (K, P) and the row of an alarm."""
-        # the alarm: where the innovations are larger beyond chance, else K; intervals, before each sample, are in s
+        # alarm: first row with significantly larger innovations, or K; intervals: before each sample, in s
         taken, errors, estimates, alarm = self, np.empty(y.size), np.empty((y.size, self.theta.size)), y.size
         gaps = np.flatnonzero(intervals > GAP * self.dt).tolist()
         for begin, end in zip([0, *gaps], [*gaps, y.size], strict=True):
@@ -206,7 +206,7 @@ class RowRecursion:
         self, u: FloatArray, y: FloatArray, r: FloatArray, intervals: FloatArray, learns: bool, errors: FloatArray,
         estimates: FloatArray,
     ) -> tuple[RowRecursion, int]:  # fmt: skip
-        """Take samples without a gap but before the first; write errors, estimates less theta; return an alarm."""
+        """Take samples with a gap at most before the first; write errors, estimates minus theta; return an alarm."""
         from replant.kernels.step.miso import learn
 
         models, waits = self.models.copy(), self.waits
@@ -246,7 +246,7 @@ class RowRecursion:
         return np.split(self.theta, np.cumsum([each.size for each in self.structures])[:-1].tolist())
 
     def _begun_at(self, u: FloatArray) -> RowRecursion:
-        """Return the recursion with a stretch that begins at inputs (q,): offset and initial states are not known."""
+        """Return the recursion at a new stretch from inputs (q,): offset and initial states are unknown."""
         pairs = zip(self.structures, self._coefficients, strict=True)
         gains = np.array([structure.transfer_function(theta).dc_gain for structure, theta in pairs])
         moved, first = float(gains @ (u - self.origin)), self.theta.size
@@ -272,15 +272,15 @@ class RowRecursion:
 
 
 def _variance_of(point: Point, stretch: Stretch, newest: int) -> float:
-    """Return that of the whitened error of so many newest samples of the last stretch."""
+    """Return the variance of the whitened error over the newest samples of the last stretch."""
     return sum_of_squares(point.error[-1][-newest:]) / max(int(stretch.measured[-newest:].sum()), 1)
 
 
 def _newest(rows: FloatArray) -> FloatArray:
-    """Return the newest rows (LAGS, ...), behind zeros where there are fewer."""
+    """Return the newest rows (LAGS, ...), after rows of zeros if there are fewer."""
     return np.vstack([np.zeros((LAGS, rows.shape[1])), rows])[-LAGS:]
 
 
 def _records(columns: FloatArray, intervals: FloatArray) -> list[Record]:
-    """Return a record of each of several inputs (K, q), with outputs of zero."""
+    """Return a record for each of several inputs (K, q), with outputs of zero."""
     return [Record(np.ascontiguousarray(each), np.zeros(len(columns)), intervals) for each in columns.T]

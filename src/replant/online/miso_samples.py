@@ -1,4 +1,4 @@
-"""Samples of several inputs: what was asked for, which are taken, judged as those of one input, and which are kept."""
+"""Samples of several inputs: settings, acceptance by the same rules as for one input, and the samples kept."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from replant.kernels.schema import FARTHEST, LARGEST, LEAP, MOST_EARLIER
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 
-LEAST = 4  # outputs for the first model, at the least [count for each unknown]
-ROOM = 256  # rows that there is room for at first [samples]
-# what becomes of a sample; one that leaps is believed when its successor is taken
+LEAST = 4  # least outputs for the first model [count for each unknown]
+ROOM = 256  # rows that are allocated at first [samples]
+# fate of a sample; one that leaps is accepted as BELIEVED when its successor is taken
 TAKEN, BELIEVED, UNUSABLE, NOT_LATER, LEAPS, TOO_COARSE, TOO_DENSE = range(7)
 REASONS = "not finite", "too large", "not later", "time leap", "time too coarse", "too dense", "no output"
 
@@ -32,12 +32,12 @@ class RowSettings(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many parameters there are."""
+        """Number of parameters, P."""
         return sum(each.size for each in self.structures)
 
     @property
     def closest(self) -> float:
-        """The shortest interval in s at which the past inputs that are kept reach over every dead time."""
+        """The shortest interval in s with which the past inputs kept cover every dead time."""
         return max(each.delay / (ring_of(each, self.dt) - 2) for each in self.structures)
 
 
@@ -47,18 +47,18 @@ def fewest(structures: tuple[Structure, ...]) -> int:
 
 
 class RowClock(NamedTuple):
-    """What is known of the stamps up to a sample."""
+    """The state of the check of time stamps."""
 
-    shift: float = 0.0  # from a stamp to the time that is kept, since the clock was set [s]
+    shift: float = 0.0  # added to a stamp to give the time that is kept, since the clock was set [s]
     earlier: int = 0  # stamps in a row that advance, but not beyond the newest one accepted [count]
     earlier_time: float = 0.0  # the last of these [s]
-    held: tuple[float, ...] = ()  # the sample whose stamp leaps ahead, until its successor tells whether it was misread
+    held: tuple[float, ...] = ()  # the sample whose stamp leaps ahead, until its successor confirms or refutes it
 
     def judged(
         self, t: FloatArray, usable: BoolArray, last: float, dt: float, closest: float
     ) -> tuple[RowClock, FloatArray, IntArray, int | None]:
-        """Return the clock after stamps (K,), times as kept, what becomes of each, and which waits for the next."""
-        # last: the newest time kept, -inf before the first; what waits comes again, before its successor
+        """Return the clock after stamps (K,), the times kept, the fate of each, and the row of one held back."""
+        # last: the newest time kept, -inf before the first; a sample held back comes again, before its successor
         times = t + self.shift
         steps = np.diff(times[usable], prepend=last)
         if last > -np.inf and bool(((steps > 0.0) & (steps >= closest) & (steps <= LEAP * dt)).all()):
@@ -82,13 +82,13 @@ class RowClock(NamedTuple):
                 earlier_time, fate[k] = float(t[k]), NOT_LATER
                 if earlier <= MOST_EARLIER:
                     continue
-                shift = float(last + 2.0 * GAP * dt - t[k])  # how long it was nobody knows: a gap
+                shift = float(last + 2.0 * GAP * dt - t[k])  # the true interval is unknown: it counts as a gap
                 now = times[k] = t[k] + shift
             elif now - last < closest:
                 fate[k] = TOO_DENSE
                 continue
             elif leaps and last > -np.inf:
-                # there are slow rigs, each of whose stamps leaps as far
+                # all stamps of a slow rig may leap by as much
                 if held is None or not 0.0 < now - times[held] <= max(LEAP * dt, 2.0 * (times[held] - last)):
                     held, fate[k] = k, LEAPS
                     continue
@@ -98,20 +98,20 @@ class RowClock(NamedTuple):
 
 
 class Screened(NamedTuple):
-    """What becomes of samples (K,)."""
+    """The fate of samples (K,)."""
 
     clock: RowClock  # after them
     times: FloatArray  # (K,): as they are kept, in s; zero without stamps
     is_taken: BoolArray  # (K,)
-    is_believed: BoolArray  # (K,): whether it waited for its successor
-    turned_away: dict[str, BoolArray]  # which samples (K,), by reason
+    is_believed: BoolArray  # (K,): whether the sample was taken after waiting for its successor
+    turned_away: dict[str, BoolArray]  # samples (K,) counted as rejected, by reason
 
     @classmethod
     def of(
         cls, clock: RowClock, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, last: float,
         dt: float, closest: float,
     ) -> Screened:  # fmt: skip
-        """Screen samples behind the time ``last``, -inf where there is none; ``closest``: see `RowSettings`."""
+        """Screen samples after the time ``last``, -inf before the first; ``closest``: see `RowSettings`."""
         signals = np.column_stack([u, np.where(np.isnan(y), 0.0, y)])
         finite, small = np.isfinite(signals).all(axis=1), (np.abs(signals) <= LARGEST).all(axis=1)
         finite = finite if t is None else finite & np.isfinite(t)
@@ -129,7 +129,7 @@ class Screened(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RowHistory:
-    """The newest samples, at most ``most``; rows behind ``end`` belong to whoever appends to the newest history."""
+    """The newest samples, at most ``most``; rows from ``end`` on are free, or belong to a later history."""
 
     rows: FloatArray  # (R, q + p + 2): inputs, references, output, time in s
     most: int
@@ -143,7 +143,7 @@ class RowHistory:
 
     @property
     def measured(self) -> int:
-        """How many of them have an output."""
+        """Number of samples with an output."""
         return int(np.isfinite(self.values[:, -2]).sum())
 
     def with_more(self, rows: FloatArray) -> RowHistory:
@@ -158,5 +158,5 @@ class RowHistory:
         return RowHistory(room, self.most, max(begin, end - self.most), end)
 
     def copy(self) -> RowHistory:
-        """Return a history that is appended to by itself."""
+        """Return an independent copy."""
         return RowHistory(self.values.copy(), self.most, 0, self.end - self.begin)

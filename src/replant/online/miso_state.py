@@ -1,16 +1,16 @@
-"""What an identification of several inputs knows, and how samples change it.
+"""The state of an identification of several inputs, and its changes by samples.
 
-Each time that the record has grown by `AGAIN` it is solved again as a whole, from the present estimate; so it is where
-an input has moved as many times more, as one that begins to move late.  Other models that may be as likely are carried
-along: of a short record a fast branch can do what a slow one does.  Each time that an input has moved twice as often as
-at the last start, it is solved from a start, too, where the noise had a colour then, which may have been a slow branch,
-or where something is found against what comes of the estimate, or was against that start.
+Each time that the record, or the number of moves of an input, has grown by `AGAIN`, the record is solved again as a
+whole, from the present estimate.  Other models that may be as likely are also kept: in a short record a fast branch can
+replace a slow one.  Each time that the moves of an input have doubled since the last solution from new initial models,
+the record is solved from new ones again if the noise had a colour then, which may be a slow branch, or if there are
+findings against the solution from the estimate or against that earlier one.
 
-In between a recursion follows.  Each time that the record has grown by `LOOK` a change is looked for, and where its
-innovations have become larger, at growing counts since: since a load it has another offset and initial state, since the
-plant has changed it begins anew.
+A recursion follows the samples in between.  The record is tested for a change each time that it has grown by `LOOK`,
+and at growing counts after its innovations have grown.  A load gives new offsets and initial states; after a change of
+the plant the record begins anew.
 
-Nothing is changed in place: a sample makes another state, so that whoever is interrupted has the state before.
+Nothing is changed in place: each sample makes a new state, so that an interrupt leaves the state before.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ from replant.online.miso_samples import REASONS, RowClock, RowHistory, RowSettin
 from replant.verdict.miso_tests import lacking, untold
 from replant.verdict.verdict import Finding
 
-# as often as it is solved again, and once in between
-LOOK = math.sqrt(AGAIN)  # growth of the record, as far as it is looked at, after which a change is looked for [ratio]
+# at each solution, and once in between
+LOOK = math.sqrt(AGAIN)  # growth of the record, as far as it is used, after which it is tested for a change [ratio]
 
-# the oldest of them is of half of the record
-JUDGES = math.ceil(math.log(2.0) / math.log(AGAIN))  # solutions that judge whether there is a change [count]
+# the oldest of them is from half of the record
+JUDGES = math.ceil(math.log(2.0) / math.log(AGAIN))  # newest solutions that are used to test for a change [count]
 
 
 @dataclass(frozen=True, eq=False)
 class RowState:
-    """All that an identification knows."""
+    """The whole state of an identification."""
 
     settings: RowSettings
     kept: RowHistory
-    solve_at: int  # samples, at first outputs, at which the record is solved again; 0: never
+    solve_at: int  # samples (before the first model: outputs) at which the record is solved again; 0: never
     samples: int = 0  # accepted so far
     solved_at: int = 0  # length of the record when it was last solved
-    started_at: int = 0  # the same, from a start
-    is_sure: bool = False  # whether nothing was found against what the last start led to
-    look_at: int = 0  # samples at which a change is looked for; 0: never
-    record_began: int = 0  # samples before those that one plant has made
-    loads: tuple[int, ...] = ()  # samples since which offset and initial states are other ones
+    started_at: int = 0  # length of the record when it was last solved from new initial models
+    is_sure: bool = False  # whether that solution had white noise and no findings
+    look_at: int = 0  # samples at which the record is tested for a change; 0: never
+    record_began: int = 0  # samples before the record, which is of one plant
+    loads: tuple[int, ...] = ()  # samples before each load, which begins with new offset and initial states
     rejected: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
     stamped: bool | None = None  # whether samples come with a time stamp; None before the first
     clock: RowClock = field(default_factory=RowClock)
@@ -67,7 +67,7 @@ class RowState:
     rivals: tuple[FloatArray, ...] = ()  # other models (P,) that may be as likely as the last solution
     judges: tuple[Judge, ...] = ()  # the last solutions of the record, the newest last
     findings: tuple[Finding, ...] = ()  # of the last solution
-    of_references: tuple[Finding, ...] = ()  # likewise
+    of_references: tuple[Finding, ...] = ()  # findings on references of the last solution
 
     @classmethod
     def of(cls, settings: RowSettings) -> RowState:
@@ -77,17 +77,17 @@ class RowState:
 
     @property
     def references(self) -> int:
-        """How many references come with each sample; before the first sample none."""
+        """Number of references with each sample; 0 before the first sample."""
         return int(self.kept.rows.shape[1]) - len(self.settings.structures) - 2
 
     @property
     def parameters(self) -> FloatArray:
-        """The estimate (P,); zero while there is none."""
+        """The estimate (P,); zero before the first one."""
         return np.zeros(self.settings.size) if self.recursion is None else self.recursion.parameters
 
     @property
     def was_frozen(self) -> bool:
-        """Whether the estimate is frozen, or was since the record began: no change is looked for from then on."""
+        """Whether the estimate is or was frozen, after which there are no tests for a change."""
         return self.recursion is not None and not self.look_at
 
     @cached_property
@@ -97,17 +97,17 @@ class RowState:
 
     @property
     def due(self) -> int:
-        """Samples, at first outputs, at which the record is next looked into; 0: never."""
+        """Samples (before the first model: outputs) of the next solution or test for a change; 0: never."""
         return min((each for each in (self.solve_at, self.look_at) if each), default=0)
 
     @property
     def length(self) -> int:
-        """Samples of the record that one plant has made."""
+        """Length of the record in samples."""
         return self.samples - self.record_began
 
     @property
     def newest_rows(self) -> FloatArray:
-        """The newest samples (K, q + p + 2) of the record, as many as the verdict looks at."""
+        """The newest samples (K, q + p + 2) of the record, as many as the verdict uses."""
         return self.kept.values[-min(self.length, RECENT) :]
 
     @quiet
@@ -115,7 +115,7 @@ class RowState:
         self, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, errors: FloatArray,
         estimates: FloatArray,
     ) -> tuple[RowState, int]:  # fmt: skip
-        """Take samples up to one at which the record is to be solved; return the state after and how many they were."""
+        """Take samples up to the next solution, test or alarm; return the state after them and their number."""
         # r is (K, p), p = 0 without references; errors (K,), which are NaN, and estimates (K, P) are written
         if held := self.clock.held:
             return self._with_held(held, u, y, t, r, errors, estimates)
@@ -125,7 +125,7 @@ class RowState:
         last = float(self.kept.values[-1, -1]) if self.samples else -math.inf
         done = Screened.of(self.clock, u, y, t, r, last, dt, closest)
         counted = done.is_taken & np.isfinite(y) if is_first else done.is_taken
-        is_now = done.is_taken & ~done.is_believed  # another one is taken with its successor
+        is_now = done.is_taken & ~done.is_believed  # one held back is taken with its successor
         before, due = self.kept.measured if is_first else self.samples, self.due
         reached = np.flatnonzero((np.cumsum(counted) >= due - before) & is_now) if due else np.zeros(0, int)
         end = int(reached[0]) + 1 if reached.size else y.size
@@ -167,7 +167,7 @@ class RowState:
         self, held: tuple[float, ...], u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray,
         errors: FloatArray, estimates: FloatArray,
     ) -> tuple[RowState, int]:  # fmt: skip
-        """Take the sample that waits once more, and the others behind it."""
+        """Take the sample held back again, with the others after it."""
         assert t is not None, "a sample waits for the next stamp"
         inputs, row = u.shape[1], np.array(held)
         all_errors, all_estimates = np.full(1 + y.size, np.nan), np.empty((1 + y.size, self.settings.size))
@@ -180,14 +180,14 @@ class RowState:
         return state, end - 1
 
     def take_all(self, rows: list[tuple[float, ...]]) -> RowState:
-        """Return the state after further rows of inputs, output and time, at none of which the record is solved."""
+        """Return the state after rows of inputs, output and time, with no solution or test due at any of them."""
         columns = np.array(rows, np.float64)
         errors, estimates = np.full(len(rows), np.nan), np.empty((len(rows), self.settings.size))
         u, y, t = np.ascontiguousarray(columns[:, :-2]), columns[:, -2].copy(), columns[:, -1].copy()
         return self.take(u, y, t if self.stamped else None, np.empty((len(rows), 0)), errors, estimates)[0]
 
     def _held(self, r: FloatArray) -> FloatArray:
-        """Return references (K, p) with the last known one where one is not known, at first with nought."""
+        """Return references (K, p) with values that are not finite replaced by the last finite one, at first by 0."""
         if not r.size:
             return r
         before = self.kept.values[-1:, len(self.settings.structures) : -2]
@@ -196,20 +196,20 @@ class RowState:
         return np.take_along_axis(r, newest, axis=0)[1:]
 
     def _attended(self) -> RowState:
-        """Return the state after what is due: a change is looked for, the record solved."""
+        """Return the state after the work due: a test for a change, a solution of the record."""
         looks = 0 < self.look_at <= self.samples
         new = self._looked() if looks else self
         tells_more = looks and new.solve_at > 0 and new._has_told(AGAIN, new.solved_at)
         return new.solved() if new.recursion is None or tells_more or 0 < new.solve_at <= new.samples else new
 
     def _has_told(self, times: float, length: int) -> bool:
-        """Return whether an input has moved so many times as often as when the record was so long."""
+        """Return whether the moves of an input are at least ``times`` those in the first ``length`` samples."""
         moves = np.diff(self.kept.values[-self.length :, : len(self.settings.structures)], axis=0) != 0.0
         before, now = (np.count_nonzero(part, axis=0) for part in (moves[: max(length - 1, 0)], moves))
         return bool(np.any((now > 0) & (now >= times * before)))
 
     def _looked(self) -> RowState:
-        """Return the state after a change was looked for, and after the record is solved with it where there is one."""
+        """Return the state after a test for a change, and after a solution with the change if there is one."""
         new = replace(self, look_at=self._next_look)
         if self.references or not (self.adapts and np.isfinite(self.newest_rows[:, -2]).any()):
             return new
@@ -222,23 +222,23 @@ class RowState:
             return new._used_to(row)
         at = self.samples - ready.used.size + int(np.flatnonzero(ready.used)[change.begin])
         if change.supposition is Supposition.LOAD:
-            began = max(self.record_began, self.samples - len(self.kept.values))  # it is solved with what is kept
+            began = max(self.record_began, self.samples - len(self.kept.values))  # only kept samples are solved
             loads = (*(each for each in self.loads if each > began), at)
             changed = replace(new, record_began=began, loads=loads).solved()
         else:
             changed = new._begun_at(at).solved()
-        if changed.recursion is self.recursion:  # no model was found with it
+        if changed.recursion is self.recursion:  # no model was found with the change
             return new
         return replace(changed, look_at=changed._next_look)
 
     def _begun_at(self, at: int) -> RowState:
-        """Return the state of a record that begins behind so many samples: the plant has changed."""
+        """Return the state with a record that begins after ``at`` samples, where the plant has changed."""
         return replace(
             self, record_began=at, loads=(), solved_at=0, started_at=0, is_sure=False, rivals=(), judges=()
         )  # fmt: skip
 
     def _used_to(self, row: Row) -> RowState:
-        """Return the state that has got used to larger innovations, which no change explains: the noise has grown."""
+        """Return the state with a larger usual variance of innovations if no change explains them for long enough."""
         known = self.recursion
         if known is None or known.surprising < self.settings.startup or not row.stretches:
             return self
@@ -254,7 +254,7 @@ class RowState:
 
     @quiet
     def solved(self, *, afresh: bool = False) -> RowState:
-        """Return the state after the record is solved, where that is possible, and when that is due again."""
+        """Return the state after a solution of the record, if possible, with the time of the next one."""
         whole, starting = self.length <= len(self.kept.values), self.recursion is None
         later = math.ceil(AGAIN * (self.kept.measured if starting else self.length))
         solve_at = self.record_began + later if later <= RECENT or starting else 0
@@ -280,12 +280,12 @@ class RowState:
             done, afresh = solve(partial(begins.afresh, newest=newest)), True
         if afresh:
             new = replace(new, started_at=self.length, is_sure=_is_white(done[1]) and _is_settled(done[1]))
-        if RECENT < later <= settings.history and not _is_settled(done[1]):  # as where an input has not moved yet
+        if RECENT < later <= settings.history and not _is_settled(done[1]):  # e.g. an input has not moved yet
             new = replace(new, solve_at=self.record_began + later)
         return new._with(*done)
 
     def _with(self, ready: RowRecord, solution: RowSolution | None, of_references: tuple[Finding, ...]) -> RowState:
-        """Return the state with a solution of its record; as it is without one."""
+        """Return the state with a solution of its record; unchanged if there is none."""
         if solution is None:
             return self
         return replace(
@@ -298,14 +298,14 @@ class RowState:
     def finished(self) -> RowState:
         """Return the state after all samples kept are solved as `fit` does."""
         done = self.solved(afresh=True)
-        # samples since a change may tell that there was none; one may lie where one model does not explain the record
+        # later samples may refute a change, and a record that one model does not explain may contain one
         is_asked = self.record_began or self.loads
         if not is_asked and done.recursion is not None:
             is_asked = may_have_loads(done.record()[1], done.parameters, of_plant=True)
         return self._parted() or done if is_asked else done
 
     def _parted(self) -> RowState | None:
-        """Return the state of all samples kept, parted at loads, or since another plant; None where that is known."""
+        """Return the state by all samples kept, divided at loads, or since a new plant; None if nothing is gained."""
         if self.references or not self.adapts or self.length > len(self.kept.values):
             return None
         whole = replace(self, record_began=self.samples - len(self.kept.values), loads=())
@@ -326,7 +326,7 @@ class RowState:
         return replace(whole, solved_at=whole.length, loads=loads)._with(ready, found.solution, ())
 
     def _behind(self, ready: RowRecord, row: Row, found: RowEstimate) -> RowRecursion:
-        """Return the recursion that has taken what is behind the last stretch of a record, too."""
+        """Return the recursion after a solution, with the samples after its last stretch taken."""
         recursion = RowRecursion.of(row, found, ready.level, self.settings.startup)
         end = int(np.flatnonzero(ready.used)[row.stretches[-1].rows.stop - 1]) + 1
         kept = self.kept.values[-ready.used.size :]
@@ -338,7 +338,7 @@ class RowState:
         return recursion.take(rest[:, :inputs], rest[:, -2], rest[:, inputs:-2], intervals)[0]
 
     def record(self, most: int | None = None) -> tuple[RowRecord, Row, FloatArray | None]:
-        """Return the samples kept of the record, or the newest of them, made ready, and their references."""
+        """Return the kept samples of the record, or the newest ``most``, prepared, with row and references."""
         values, settings = self.kept.values, self.settings
         values = values[-min(self.length, len(values) if most is None else most) :]
         first = self.samples - len(values)
@@ -351,7 +351,7 @@ class RowState:
 
 
 def _is_settled(solution: RowSolution | None) -> bool:
-    """Return whether nothing is found against a solution that another begin may mend."""
+    """Return whether there is no finding against a solution that other initial models may remove."""
     if solution is None:
         return False
     row, found, _ = solution
@@ -360,5 +360,5 @@ def _is_settled(solution: RowSolution | None) -> bool:
 
 
 def _is_white(solution: RowSolution | None) -> bool:
-    """Return whether the noise has no colour: an autoregression may have taken a slow branch, until samples tell."""
+    """Return whether the noise is white; the autoregression of coloured noise may contain a slow branch."""
     return solution is not None and solution.found.noise.order == 0

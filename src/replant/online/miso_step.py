@@ -1,7 +1,7 @@
-"""Single samples of several inputs: what a recursion does of a chunk of one, in arrays that are made once.
+"""Single samples of several inputs: the recursion for a chunk of one sample, in arrays that are allocated once.
 
-A recursion is never changed in place.  To copy it at each sample takes a hundred times as long as the sample; a step
-works on a copy of its own, and whoever has it keeps what came since: the recursion that takes these as a chunk has the
+A recursion is never changed in place.  Copying it at each sample takes a hundred times as long as the sample.  So a
+step works on a copy of its own, and its owner keeps the samples since: a recursion that takes these as a chunk has the
 same bits.
 """
 
@@ -23,7 +23,7 @@ SINCE = 256  # single samples that a state takes as one chunk [samples]
 
 
 class RowStep:
-    """Takes samples one by one, behind the newest one of a state that has a model, which stays as it is."""
+    """Takes samples one by one after a state that has a model; the state is not changed."""
 
     def __init__(self, state: RowState) -> None:
         from replant.kernels.step.branch import branch
@@ -36,7 +36,7 @@ class RowStep:
         self._theta, self._dt = recursion.theta, recursion.dt
         self._origin, self._level = recursion.origin.tolist(), recursion.level
         self._constant = float(recursion.weights[0])
-        self._rows = np.vstack([np.empty((1, size + 1)), recursion.tail])  # the oldest goes with the first sample
+        self._rows = np.vstack([np.empty((1, size + 1)), recursion.tail])  # the first sample shifts the oldest row out
         self._newest, self._error = self._rows[-1], np.empty(1)
         self._interval, self._usual = np.empty(1), np.empty(1, np.int64)
         self._branches: list[tuple[Any, ...]] = []
@@ -65,7 +65,7 @@ class RowStep:
         return np.asarray(self._theta + self._estimate[0])
 
     def take(self, u: Sequence[float], y: float, interval: float) -> tuple[float, bool]:
-        """Take a finite sample; return its error, and whether it is one at which the record is looked into."""
+        """Take a finite sample; return its error, and whether it raises an alarm."""
         self._rows[:-1] = self._rows[1:]
         self._interval[0], self._usual[0] = interval, abs(interval - self._dt) <= JITTER * self._dt
         error = (y - self._level) - self._constant
@@ -76,14 +76,14 @@ class RowStep:
                 into[:] = of
             error -= output.item()
         self._newest[self._theta.size], self._newest[-1] = 1.0, error
-        estimate = np.empty((1, self._theta.size))  # one of its own: another thread may look at the one before
+        estimate = np.empty((1, self._theta.size))  # a new array, as another thread may read the one before
         is_alarm = self._learn(*self._before, estimate, self._work) < 1.0
         self._estimate = estimate
         return self._error.item(), is_alarm
 
 
 class Kept(NamedTuple):
-    """The state after the last chunk; what takes single samples behind these; their inputs, output and time."""
+    """The state after the last chunk, the step for single samples, and the single samples since: u, y, t."""
 
     state: RowState
     step: RowStep | None
@@ -91,18 +91,18 @@ class Kept(NamedTuple):
 
     @property
     def now(self) -> RowState:
-        """The state after the single samples, too."""
+        """The state after the single samples."""
         return self.state.take_all(self.since) if self.since else self.state
 
     def interval_to(self, u: Sequence[float], y: float, t: float | None) -> float | None:
-        """Return the interval in s to a sample that moves the recursion and nothing else; None of any other one."""
+        """Return the interval in s to a sample that needs the recursion alone; None for other samples."""
         state, _, since = self
         known = state.recursion
         if known is None or state.references or state.stamped != (t is not None):
             return None
         if 0 < state.due <= state.samples + len(since) + 1 or len(u) != len(known.structures):
             return None
-        if known.instruments is not None or known.waits != 0.0:  # references, or a dead time behind a gap
+        if known.instruments is not None or known.waits != 0.0:  # references, or a dead time after a gap
             return None
         if not (abs(y) <= LARGEST and all(abs(each) <= LARGEST for each in u)):
             return None
@@ -114,7 +114,7 @@ class Kept(NamedTuple):
         return interval if interval > 0.0 and state.closest <= interval <= longest else None
 
     def with_more(self, step: RowStep, sample: tuple[float, ...], *, is_alarm: bool) -> Kept:
-        """Return what is kept after a sample that a step has taken."""
+        """Return the kept values after a sample that a step has taken."""
         self.since.append(sample)
         if is_alarm:
             return Kept(self.now, None, [])

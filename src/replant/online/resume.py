@@ -12,7 +12,7 @@ from replant.online.identifier import Identifier
 def load(path: AnyPath) -> Identifier:
     """Return the identifier that `Identifier.save` wrote; it continues to the bit as if it had never stopped.
 
-    Where the file is damaged or missing, the previous one (``path`` + ".previous") is used, with a warning.
+    If the file is damaged or missing, the previous one (``path`` + ".previous") is used, with a warning.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def load(path: AnyPath) -> Identifier:
     DamagedCheckpointError
         If it is not a checkpoint, damaged, cut off, or of a version that cannot be read: one line says which.
     CheckpointError
-        If the system does not let it be read.
+        If the system does not allow reading it.
 
     See Also
     --------

@@ -1,9 +1,9 @@
-"""Revision: at growing counts, at an alarm and at the end it is asked again which model the samples so far have.
+"""Revision: at growing counts, at an alarm and at the end, the model of all samples so far is determined again.
 
-The record is solved again, and suppositions of what the plant has done compete.  An estimate that forgets nothing
-follows a change the more slowly, the longer the record is.  A change that makes the residual grow is noticed by its
-CUSUM test (`online.change_response`).  A gain that is off by a tenth, or by a quarter where the noise is strong, makes
-it grow little: it shows in the score (`estimation.solver.change_search`).  Nothing that was decided is final.
+The record is solved again, and hypotheses on changes of the plant compete.  An estimate that forgets nothing follows a
+change more slowly in a longer record.  The CUSUM test finds a change that makes the residual grow
+(`online.change_response`).  A change of the gain by a tenth, or by a quarter with strong noise, hardly does; the score
+shows it (`estimation.solver.change_search`).  No decision is final.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ from replant.online.change_response import (
 )
 from replant.verdict import assess_running
 
-SURELY = -math.log(ALPHA)  # advantage of one of two models that is no chance [nats]
-# half of the newest samples, so that an input that has come to rest still moves in the other half
-EVERY = RECENT // 2  # samples between two verdicts that are noted of a long record [samples]
-# half of the samples kept are then new, as where a growing record is solved again; a search takes as long as to learn
+SURELY = -math.log(ALPHA)  # significant log-likelihood ratio of two models [nats]
+# half of the newest samples, so that the input still moves in the other half after it has come to rest
+EVERY = RECENT // 2  # samples between two reviews of a long record, which note the verdict [samples]
+# half of the samples kept are then new, as for a growing record; a search takes as long as learning the samples
 REVIEWED = STORED // 2  # samples between two searches of a long record for a change [samples]
 
 GROWTH = 1.25
-"""Growth of the record after which it is asked whether one model holds for it [ratio of lengths].
-Origin: three looks between two solutions; on a chirp the last solution of 3,799 samples was at 2,000, and of another
+"""Growth of the record after which it is tested whether one model holds for it [ratio of lengths].
+Origin: three tests between two solutions; on a chirp of 3,799 samples the last solution was at 2,000, and gave another
 plant.
 Sensitivity: halved, 48 samples held against 'load step' instead of 49; error of 'stuck, coarse scale' times 2.4;
 doubled, no verdict changes, and no error by a quarter.
@@ -62,7 +62,7 @@ doubled, no verdict changes, and no error by a quarter.
 
 
 def revise(state: State, settings: Settings, due: int, most: int) -> tuple[State, int]:
-    """Return the state to go on with, and the accepted samples at which the record is next looked into."""
+    """Return the next state, and the accepted samples at which the record is next examined."""
     samples = state.samples
     state.attention_at, state.attention = 0, False  # samples that are learned again must not stop for attention
     if state.alarm == Alarm.RAISED:
@@ -71,7 +71,7 @@ def revise(state: State, settings: Settings, due: int, most: int) -> tuple[State
     if samples == due:
         state = (reconsider(state, settings) if state.changed_at else None) or renew(state, settings) or state
         due = next_revision(state, settings, most)
-        # whether the model is trusted while the input rests is noted before the samples that show it are gone
+        # a trusted model at rest is noted before the samples that support the verdict are gone
         trusted = is_at_rest(state) and assess_running(state, settings, most).status == "trusted"
         state.trusted_at = state.samples if trusted else 0
     if samples == state.look_at:
@@ -83,7 +83,7 @@ def revise(state: State, settings: Settings, due: int, most: int) -> tuple[State
 
 
 def next_revision(state: State, settings: Settings, most: int) -> int:
-    """Return the accepted samples, of ``most`` kept, at which the estimate is next looked into; 0: never."""
+    """Return the accepted samples at which the estimate is next examined; 0: never; ``most``: raw samples kept."""
     if not tells_of_changes(state, settings):
         return 0
     origin, samples = state.changed_at or state.record_began, state.samples
@@ -97,7 +97,7 @@ def next_revision(state: State, settings: Settings, most: int) -> int:
 
 @quiet
 def reconsider(old: State, settings: Settings) -> State | None:
-    """Return the state that goes on where the samples since the last change lead to; None where that is open."""
+    """Return the state after the last change is decided on again; None if nothing new is decided."""
     if (
         old.alarm
         or old.gap_at > old.changed_at
@@ -114,7 +114,7 @@ def reconsider(old: State, settings: Settings) -> State | None:
     if found is None:
         return None
     undecided = not is_sure(claims, found)
-    if undecided and found.supposition is old.change is Supposition.LOAD:  # the same, and no better known
+    if undecided and found.supposition is old.change is Supposition.LOAD:  # the same decision, still uncertain
         old.undecided = True
         return None
     return believed(old, settings, found, undecided=undecided)
@@ -122,16 +122,16 @@ def reconsider(old: State, settings: Settings) -> State | None:
 
 @quiet
 def renew(old: State, settings: Settings) -> State | None:
-    """Return the state at a solution of the record, or since its plant changed; None where the present one goes on."""
+    """Return the state at a new solution of the record, or after a change found in it; None to keep the present one."""
     if old.alarm or not (old.adapt and remembers_all(old, settings)):
         return None
     began = max(old.record_began, old.gap_at)
     rows = min(old.samples - began or 1, STORED, len(old.recent))
-    # short: the present estimate then knows more than the samples kept
+    # only of a short record: later the present estimate contains more information than the samples kept
     is_whole = old.gap_at <= old.record_began and RECENT >= rows == old.samples - began
     has_grown = is_whole and old.samples - began >= AGAIN * (old.solved_at - began)
-    # for a change: always while the record is short, then once in REVIEWED samples; not at rest, where nothing that
-    # comes now could test another model
+    # search for a change: always while the record is short, then once in REVIEWED samples; not at rest, when new
+    # samples could not test another model
     count = old.samples - (old.changed_at or old.record_began)
     is_due = count <= RECENT or count // REVIEWED > (count - EVERY) // REVIEWED
     is_searched = is_due and not is_at_rest(old)
@@ -151,15 +151,15 @@ def renew(old: State, settings: Settings) -> State | None:
     if not (is_whole and _advantage(solution, settings, old.physical) > SURELY):
         return None
     new = restart_at(old, settings, solution, began)
-    new.undecided = False  # the record has grown by half, and one model explains it still
+    new.undecided = False  # the record has grown by half, and one model still explains it
     return new
 
 
 def _advantage(solution: Solution, settings: Settings, present: FloatArray) -> float:
-    """Return how much likelier a solution is than the present estimate [nats]."""
+    """Return the log-likelihood ratio of a solution to the present estimate [nats]; infinite if one is excluded."""
     structure, found, record = settings.structure, solution.found, solution.record
-    # without a reference, of two models of which one runs away the other one is taken, unless that one is certain and
-    # explains the record better: an integrator
+    # without a reference a model that does not diverge is preferred to one that does, unless the latter is acceptable
+    # and more likely, as for an integrator
     models = found.theta, present
     away = [
         not settings.reference and runs_away(np.append(1.0, each[structure.denominator]), record.span)
@@ -176,7 +176,7 @@ def _advantage(solution: Solution, settings: Settings, present: FloatArray) -> f
 
 @quiet
 def solve_whole(old: State, settings: Settings) -> State | None:
-    """Return the state that begins at a solution of every sample so far; None where the present estimate stays."""
+    """Return the state at a solution of every sample so far; None to keep the present estimate."""
     kept = RecentSamples.of(old, STORED)
     if not (old.adapt and remembers_all(old, settings) and old.finished_at < old.samples == len(kept)):
         return None
@@ -193,11 +193,11 @@ def solve_whole(old: State, settings: Settings) -> State | None:
         if _advantage(solution, settings, old.physical) < -SURELY:
             return None
         new = restart_at(old, settings, solution, 0)
-        new.gap_at = 0  # it was where an alarm ended: the record has no gap
+        new.gap_at = 0  # it was set where an alarm ended: the record has no gap
         new.change, new.changed_at = Supposition.NOTHING, 0
         new.undecided = False
         _note_end(new, solution)
-        # where that may be right, and G(s) another one then, the one of all samples may not be trusted
+        # if loads may act, and give another G(s), that of all samples must not be trusted
         if parted is not None and differ(settings.structure, solution, parted.solution):
             new.undecided = True
             note_loads(new, parted.loads, len(kept))
@@ -205,7 +205,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
 
 
 def _parted(old: State, settings: Settings, record: Record, whole: Solution) -> Parted[Solution] | None:
-    """Return a record that is parted at its loads; None where there are none."""
+    """Return the solution of a record divided at its loads; None if there are none, or the record has a reference."""
     if record.r is not None:
         return None
     structure = settings.structure
@@ -216,7 +216,7 @@ def _parted(old: State, settings: Settings, record: Record, whole: Solution) -> 
 
 
 def _behind(old: State, settings: Settings, parted: Parted[Solution]) -> State | None:
-    """Return the state behind the last load of a parted record, where that is surely right and trusted."""
+    """Return the state after the last load of a divided record; None unless that is sure and its model trusted."""
     new = behind_loads(old, settings, parted.solution) if parted.is_sure else None
     if new is None:
         return None
@@ -226,6 +226,6 @@ def _behind(old: State, settings: Settings, parted: Parted[Solution]) -> State |
 
 
 def _note_end(state: State, solution: Solution) -> None:
-    """Note that a record has ended, and was solved as a whole."""
+    """Mark in the state that the record has ended and was solved as a whole, with the counts of its bad outputs."""
     state.alarm, state.change_began, state.finished_at = Alarm.NONE, state.samples, state.samples
     state.outliers, state.stuck = (int((solution.doubt == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK))

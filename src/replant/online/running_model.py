@@ -1,4 +1,4 @@
-"""Kept model: the `Model` of a running identification, and the newest samples, as models and views simulate them."""
+"""Running model: the `Model` of a running identification, and its newest samples for fits and views."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from replant.online.miso_identifier import RowIdentifier
 from replant.verdict.verdict import Assessment, Verdict
 
 # stamps of some 1e9 s have a resolution of 1e-7 s
-IRREGULAR = 1e-6  # deviation of an interval from the sampling time that is more than rounding [part of the latter]
-LONGEST_IRREGULAR = 3000  # newest samples simulated where each interval needs a matrix exponential [samples]
+IRREGULAR = 1e-6  # deviation of an interval up to which it is rounding [part of the sampling time]
+LONGEST_IRREGULAR = 3000  # newest samples simulated if each interval needs a matrix exponential [samples]
 
 
 def model_of(
@@ -37,7 +37,7 @@ def model_of(
     entered, given = _number(preprocess.input_offset), simulation.offset  # not known yet during start-up: 0
     u, y, intervals = estimate.recent.T
     fit = simulation.fit
-    if settings is not None and isinstance(verdict, Assessment) and not y.size:  # no sample is kept
+    if settings is not None and isinstance(verdict, Assessment) and not y.size:  # no raw samples are kept
         given, fit = _number(preprocess.output_offset), verdict.fit
     if y.size and (simulation.is_prediction or not has_rest(estimate.transfer_function, float(intervals.sum()))):
         entered, given = float(u.mean()), float(y.mean())
@@ -81,7 +81,7 @@ def newest_run(estimate: Estimate, newest: NewestSamples) -> tuple[Simulation, f
 def _method(estimate: Estimate) -> str:
     settings = estimate.settings
     if settings is None:
-        return "srivc"  # the provisional model of the samples held
+        return "srivc"  # the provisional model of the samples collected
     name = type(settings.optimizer).__name__
     if settings.instruments:
         return "recursive srivc" if settings.filter.follows_estimate else f"{name} with instruments"
@@ -90,23 +90,23 @@ def _method(estimate: Estimate) -> str:
 
 @dataclass(frozen=True)
 class NewestSamples:
-    """Signals of the newest samples, (K,), in the units of the log, the input behind its map."""
+    """Signals of the newest samples, (K,), in the units of the log; the input is mapped."""
 
-    input: FloatArray  # of several inputs (K, q)
+    input: FloatArray  # (K, q) for several inputs
     output: FloatArray
     intervals: FloatArray  # seconds since the sample before
-    reference: FloatArray  # empty where there is none
+    reference: FloatArray  # empty without one
     judged: BoolArray  # which samples the verdict uses
     regular: bool  # whether all of them are one sampling time apart
 
     @property
     def known_output(self) -> FloatArray:
-        """The output (K,), NaN where the verdict does not use it."""
+        """The output (K,), with NaN at samples that the verdict does not use."""
         return np.where(self.judged, self.output, np.nan)
 
 
 def newest_samples(estimate: Estimate) -> NewestSamples:
-    """Return the newest samples: all of `recent`, or the last 3,000 where the clock is irregular."""
+    """Return the newest samples: all of `recent`, or the last 3,000 if the clock is irregular."""
     u, y, intervals = estimate.recent.T
     kept = estimate.recent_reference
     r, judged = np.zeros(0) if kept is None else kept, estimate.judged
@@ -116,7 +116,7 @@ def newest_samples(estimate: Estimate) -> NewestSamples:
 
 
 def newest_of_row(identifier: RowIdentifier, found: RowFit | None) -> NewestSamples:
-    """Return the newest samples of several inputs, of which ``found`` is the fit; of references the first."""
+    """Return the newest samples of several inputs, with the first reference; ``found``: their fit, or None."""
     (u, y), intervals, references = identifier.recent, identifier.recent_intervals, identifier.recent_reference
     judged = np.isfinite(y)
     if found is not None:

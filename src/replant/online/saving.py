@@ -16,7 +16,7 @@ class Loaded:
 
     identifier: Identifier  # in the state in which it was saved, to the bit
     progress: dict[str, int | float | str]  # the numbers and words given to `save`
-    used_previous: str | None  # why the previous checkpoint was used instead; None where it was not
+    used_previous: str | None  # why the previous checkpoint was used instead; None if it was not
 
 
 def save(path: AnyPath, identifier: Identifier, progress: Progress | None = None) -> None:
@@ -25,7 +25,7 @@ def save(path: AnyPath, identifier: Identifier, progress: Progress | None = None
 
 
 def load(path: AnyPath) -> Loaded:
-    """Return what was saved under ``path``, or where that is damaged or missing, what was saved before it.
+    """Return the contents of the file ``path``, or of the previous one if it is damaged or missing.
 
     Raises
     ------

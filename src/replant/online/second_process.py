@@ -1,6 +1,6 @@
-"""A second Python: the process that does what is due, and the memory that it shares with the first.
+"""A second Python: the process that does the work due between samples, and the memory that it shares with the first.
 
-`background` says what is asked of it.  It serves all identifiers of a process, and ends when its standard input does.
+`background` defines this work.  The process serves all identifiers of its parent, and ends with its standard input.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ try:
 except ImportError:  # a Python that was built without
     SharedMemory = None  # type: ignore[assignment,misc]
 
-# what is called with the folders to import from; these at the end, so that no module of the user hides one of Python
+# called with the folders to import from; they come last, so that no module of the user hides one of Python
 BEGIN = "import sys; sys.path += sys.argv[1:]; from replant.online.background import serve; serve()"
-PREFIX = 24  # before the arrays: whether there is a result, and two numbers, of the text or of the result [bytes]
+PREFIX = 24  # bytes before the arrays: the state of the job, and two numbers on the text or the result [bytes]
 NUMBERS_ROOM = 2**18  # room for the numbers of a state, and the text; a state of ten poles takes half [bytes]
 FREE, PENDING, DONE, FAILED = range(4)
 Shapes = Sequence[tuple[int, ...]]
@@ -52,30 +52,30 @@ class Place:
                 f"background=True needs shared memory, which the system refuses ({error})"
             ) from error
         self._owner = os.getpid()
-        # by its owner alone, also where `multiprocessing` has forked that, at whose end `weakref.finalize` does nothing
+        # freed by its owner alone, also if `multiprocessing` has forked it: `weakref.finalize` then does not run
         self._end = Finalize(self, _give_back, (memory,), exitpriority=0)
         assert memory.buf is not None
         self.name, self.buffer = memory.name, memory.buf
         self._told: tuple[Any, bytes] = None, b""
-        there = Path("/dev/shm", memory.name.lstrip("/"))  # where Linux shows it
+        there = Path("/dev/shm", memory.name.lstrip("/"))  # its file in Linux
         if there.exists():
             with there.open("r+b") as file:
                 try:
-                    os.posix_fallocate(file.fileno(), 0, size)  # else writing to it would end the process
+                    os.posix_fallocate(file.fileno(), 0, size)  # without room, writing would end the process
                 except OSError as error:
                     raise SystemRefusedError(
                         f"background=True needs {size} bytes of shared memory, which the system refuses ({error})"
                     ) from error
 
     def told(self, settings: Any, as_bytes: Callable[[Any], bytes]) -> bytes:
-        """Return settings as bytes; made once, which takes a tenth of a sample at 1 kHz."""
+        """Return settings as bytes; pickled once, as that takes a tenth of a sample at 1 kHz."""
         if self._told[0] is not settings:
             self._told = settings, as_bytes(settings)
         return self._told[1]
 
     @property
     def is_mine(self) -> bool:
-        """Whether it belongs to this process, and not to the one that this was forked from."""
+        """Whether it belongs to this process, and not to one that this was forked from."""
         return self._owner == os.getpid()
 
     @property
@@ -91,12 +91,12 @@ def _give_back(memory: Any) -> None:
 
 
 def end_of(shapes: Shapes) -> int:
-    """Return where arrays of these shapes end in shared memory."""
+    """Return the offset in shared memory after arrays of these shapes."""
     return PREFIX + 8 * sum(math.prod(shape) for shape in shapes)
 
 
 def write(buffer: memoryview, shapes: Shapes, text: bytes) -> bool:
-    """Write what goes with the arrays, behind them; return whether there is room."""
+    """Write the text of a job after the arrays; return whether there was room."""
     at = end_of(shapes)
     if at + len(text) > len(buffer):
         return False
@@ -106,23 +106,23 @@ def write(buffer: memoryview, shapes: Shapes, text: bytes) -> bool:
 
 
 def read(buffer: memoryview) -> bytes:
-    """Return what goes with the arrays."""
+    """Return the text of a job."""
     at, length = noted(buffer).tolist()
     return bytes(buffer[at : at + length])
 
 
 def noted(buffer: memoryview) -> IntArray:
-    """Return the two numbers before the arrays."""
+    """Return a view of the two numbers before the arrays."""
     return np.frombuffer(buffer, np.int64, 2, 8)
 
 
 def views(buffer: memoryview, shapes: Shapes) -> list[Any]:
-    """Return the arrays in shared memory: raw samples, oldest first, then the numbers."""
+    """Return views of the arrays in shared memory: raw samples, oldest first, then the numbers."""
     return [view_of(buffer, shapes, place) for place in range(len(shapes))]
 
 
 def view_of(buffer: memoryview, shapes: Shapes, place: int) -> Any:
-    """Return one of them; the second is of integers."""
+    """Return a view of one of the arrays; the second one holds integers."""
     kind = np.int64 if place == 1 else np.float64
     return np.frombuffer(buffer, kind, math.prod(shapes[place]), end_of(shapes[:place])).reshape(shapes[place])
 
@@ -140,7 +140,7 @@ class Worker:
             raise SystemRefusedError(
                 "background=True needs a second Python, and there is none to start in this program"
             )
-        # more threads of its own would take the first one's core
+        # more threads would take the core of the first process
         environment = os.environ | dict.fromkeys(THREADS, "1")
         try:
             with signals_blocked(signal.SIGINT):
@@ -156,7 +156,7 @@ class Worker:
         self._is_ready = False
 
     def lives(self) -> bool:
-        """Return whether it is there for this process, and not for the one that this was forked from."""
+        """Return whether it runs, and was started by this process, not by one that this was forked from."""
         return self._owner == os.getpid() and self._process.poll() is None
 
     def wait(self) -> None:
@@ -169,13 +169,13 @@ class Worker:
         self._is_ready = True
 
     def send(self, place: Place) -> None:
-        """Let it begin."""
+        """Send the name of the memory of a job, so that it begins."""
         assert self._process.stdin is not None
-        with contextlib.suppress(OSError):  # it has ended, which is seen when the result is due
+        with contextlib.suppress(OSError):  # if it has ended, that is noticed when the result is due
             self._process.stdin.write(place.name.encode() + b"\n")
 
     def forget(self) -> None:
-        """Leave it to the process that this one was forked from."""
+        """In a forked process: close the pipes, and leave the second Python to the parent."""
         for pipe in (self._process.stdin, self._process.stdout):
             assert pipe is not None
             pipe.close()
@@ -188,7 +188,7 @@ def worker() -> Worker | None:
 
 
 def start(*, wait: bool = True) -> None:
-    """Start the second Python where none lives; ``wait`` until it is ready."""
+    """Start the second Python if none is alive; ``wait`` until it is ready."""
     global _worker
     with _starting:
         if _worker is None or not _worker.lives():
@@ -209,15 +209,15 @@ if hasattr(os, "register_at_fork"):
 
 
 def serve(answer: Callable[[memoryview], int]) -> None:
-    """Do what is asked for, until who asks has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one who asks
-    resource_tracker.register = lambda *_: None  # who asks gives the memory back
+    """Answer jobs until the first process has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the first process
+    resource_tracker.register = lambda *_: None  # the first process frees the memory
     sys.stdout.write("+")
     sys.stdout.flush()
     for name in iter(sys.stdin.readline, ""):
         try:
             memory = SharedMemory(name.strip())
-        except FileNotFoundError:  # who asked has dropped it meanwhile
+        except FileNotFoundError:  # the first process has dropped the job meanwhile
             continue
         assert memory.buf is not None
         memory.buf[0] = answer(memory.buf)

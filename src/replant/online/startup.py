@@ -1,10 +1,10 @@
 """Start-up: the first samples are collected; settings (docs/defaults.md) and a first model are made from them.
 
-A compiled step collects them (`replant.kernels.step.collecting`), by the rules that later samples meet, in the place
-where a state keeps its raw samples.
+A compiled step (`replant.kernels.step.collecting`) collects them in the ring of raw samples, by the same rules as for
+later samples.
 
-Until they suffice there is a provisional model of the first outputs, of growing numbers of them.  Nothing that comes
-later depends on it, so that it is solved for when somebody reads it.
+Until they suffice there is a provisional model of the first outputs, of growing numbers of them.  Nothing later depends
+on it, so that it is computed only when it is read.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ from replant.numerics.robust import without_spikes
 from replant.online.begin_recursion import initialize, note_doubts, warm_up
 from replant.verdict.assess import assess_record
 
-UNKNOWN_LENGTH = 2_000  # samples to come that an optimizer is tuned for where nobody knows better [samples]
+UNKNOWN_LENGTH = 2_000  # length of a record that an optimizer is tuned for if it is unknown [samples]
 
 Solved = dict[int, Refined | None]  # estimates by the number of measured outputs that they are made from
 
 
 def collected(state: State) -> RecentSamples:
-    """Return the samples of a start-up: input behind its map, output as it came."""
+    """Return the samples of a start-up: mapped input, output as given."""
     return RecentSamples.of(state, len(state.recent))
 
 
 def measured(state: State) -> int:
-    """Return how many of the samples collected came with an output."""
+    """Return the number of collected samples with an output."""
     return int(np.count_nonzero(collected(state).is_measured))
 
 
 def take_held(state: State, steps: Callable[..., Any]) -> None:
-    """Take the sample that was held back, as the next one has confirmed it."""
+    """Take the sample that was held back, which the next one has confirmed."""
     u, y, t, r = np.array([[state.held_input], [state.held_output], [state.held_time], [state.held_reference]])
     state.attention = False
     try:
@@ -60,13 +60,13 @@ def take_held(state: State, steps: Callable[..., Any]) -> None:
 
 
 def drop_misread(state: State, request: Request, *, stamped: bool) -> bool:
-    """Reject collected samples whose input was misread before it was known how far inputs lie; say if any were."""
+    """Reject collected samples with a misread input, as the spread of inputs is now known; return whether any were."""
     kept = collected(state)
     u = kept.input.copy()
     moved = np.flatnonzero(u != u[:1])[:1]
     if not moved.size:
         return False
-    # of the first two values the kernel cannot tell how far apart they may be; given the samples from their end, it can
+    # the kernel does not know the spread of inputs from the first two values; from the end backwards it knows it there
     first = np.append(0, moved) if moved[0] == 1 else moved
     misread = np.setdiff1d(first, u.size - 1 - _believed(request, u[::-1].copy()))
     if not misread.size:
@@ -80,7 +80,7 @@ def drop_misread(state: State, request: Request, *, stamped: bool) -> bool:
 
 
 def _believed(request: Request, u: FloatArray) -> IntArray:
-    """Return which inputs (K,), behind their map, a start-up believes when they come in this order."""
+    """Return the indices of the mapped inputs (K,) that a start-up accepts in this order."""
     state = State.collecting(replace(request, startup=max(u.size, 1)), u.size, reference=False)
     _, steps = step_kernels(state, regular=True)
     index, errors, taken = np.arange(u.size, dtype=np.float64), np.empty(u.size), 0
@@ -95,13 +95,13 @@ def _believed(request: Request, u: FloatArray) -> IntArray:
 
 
 def keep_newer_half(state: State) -> None:
-    """Let go of the older half of the samples collected."""
+    """Discard the older half of the samples collected."""
     kept = collected(state)
     _replace(state, kept[len(kept) // 2 :])
 
 
 def _replace(state: State, kept: RecentSamples) -> None:
-    """Put some of the samples collected in the place of all, from the first on that has an output."""
+    """Replace the samples collected by some of them, from the first one with an output on."""
     there = np.flatnonzero(kept.is_measured)
     values = kept.values[there[0] if there.size else len(kept) :].copy()
     state.gap_at = max(state.gap_at - (state.samples - len(values)), 0)
@@ -113,7 +113,7 @@ def _replace(state: State, kept: RecentSamples) -> None:
 def modelled(
     request: Request, preprocess: Preprocess, kept: RecentSamples, given: Sequence[FloatArray] = ()
 ) -> Solution | None:
-    """Return the solution of the samples of a start-up, in the unit of ``preprocess``'s working point."""
+    """Return the solution of the samples of a start-up; its bridged outputs are relative to ``preprocess``'s offset."""
     level = replace(preprocess, input_map="identity")
     if not request.structure.bias:
         level = centre(level, kept.input.copy(), kept.output.copy())
@@ -127,8 +127,8 @@ def modelled(
 
 
 def cleaned(request: Request, kept: RecentSamples) -> tuple[Request, RecentSamples]:
-    """Return samples as settings and a first model are made from them, and the request for such samples."""
-    mapped = replace(request, preprocess=replace(request.preprocess, input_map="identity"))  # as it is mapped already
+    """Return the request and the samples for settings and first model: input mapped, with instruments no spikes."""
+    mapped = replace(request, preprocess=replace(request.preprocess, input_map="identity"))  # inputs are mapped already
     if not request.wants_instruments:
         return mapped, kept
     output, there = kept.output.copy(), kept.is_measured
@@ -137,7 +137,7 @@ def cleaned(request: Request, kept: RecentSamples) -> tuple[Request, RecentSampl
 
 
 def settled(request: Request, kept: RecentSamples) -> Settings:
-    """Return definite settings, chosen from the samples of a start-up."""
+    """Return the settings chosen from the samples of a start-up, with the input map of the request."""
     mapped, clean = cleaned(request, kept)
     settings = settle(mapped, clean.input.copy(), clean.output.copy(), reference=kept.have_reference)
     return replace(settings, preprocess=replace(settings.preprocess, input_map=request.preprocess.input_map))
@@ -146,8 +146,8 @@ def settled(request: Request, kept: RecentSamples) -> Settings:
 def begin(
     old: State, settings: Settings, kept: RecentSamples, solution: Solution | None, most: int, *, at_once: bool = False
 ) -> tuple[State, float]:
-    """Return the state that has learned a start-up and keeps ``most`` samples, and the error of the last one."""
-    # there is room for all from the beginning where the kernels do not ask for room, too
+    """Return the state after learning a start-up, which keeps ``most`` samples, and the error of the last one."""
+    # room for all from the beginning, ``at_once`` or if the kernels do not ask for more
     room = room_for(len(kept), most) if settings.optimizer.keeps_covariance and not at_once else most
     state, error = State.of_settings(settings, room), math.nan
     if len(kept) > 0:
@@ -164,7 +164,7 @@ def begin(
             error = warm_up(state, u, y, t, raw.reference if settings.reference else None, learn=learn)
         if solution is not None:
             note_doubts(state, solution, raw.output)
-            if not state.path_size:  # later no samples can tell
+            if not state.path_size:  # too few raw samples will be kept to test this later
                 state.sums.refuted = float(_is_refuted(settings, solution))
         state.ready_at, state.solved_at = state.elapsed, state.samples
     state.take_over(
@@ -176,7 +176,7 @@ def begin(
 
 
 def _is_refuted(settings: Settings, solution: Solution) -> bool:
-    """Return whether the samples of a start-up speak against the model that they give."""
+    """Return whether the verdict on the first model, by the samples of the start-up, is "inconsistent"."""
     size, found = settings.structure.size, solution.found
     verdict = assess_record(
         settings.structure, found.theta[:size], solution.record, settings.dt, found.covariance[:size, :size],
@@ -195,11 +195,11 @@ def settle(
     reference: bool = False,
     t: FloatArray | None = None,
 ) -> Settings:
-    """Return definite settings: what is "auto" is chosen from a record."""
+    """Return settings with every "auto" replaced by a choice from a record."""
     structure, dt, instruments = request.structure, request.dt, request.wants_instruments
     preprocess = request.preprocess.resolve(u, y)
     replay = request.replay
-    if isinstance(replay, str):  # an optimizer that keeps a covariance remembers every sample
+    if isinstance(replay, str):  # an optimizer that keeps a covariance needs no replay
         replay = None if request.keeps_covariance else Replay()
     optimizer = request.optimizer_kind
     if isinstance(optimizer, type):
@@ -223,7 +223,7 @@ def settle(
 
 
 def next_provisional(request: Request, held: int) -> int:
-    """Return at how many measured outputs, more than ``held``, a provisional model is solved for next."""
+    """Return the number of measured outputs, above ``held``, from which there is another provisional model."""
     later = request.first_hold
     while later <= held:
         later *= 2
@@ -231,7 +231,7 @@ def next_provisional(request: Request, held: int) -> int:
 
 
 def provisional(request: Request, kept: RecentSamples, solved: Solved) -> tuple[int, Refined] | None:
-    """Return the newest provisional model, and how many outputs it is made from; None where there is none."""
+    """Return the number of outputs of the newest provisional model, and this model; None if there is none."""
     if not request.wants_instruments:
         return None
     there = np.flatnonzero(kept.is_measured)
@@ -247,13 +247,13 @@ def provisional(request: Request, kept: RecentSamples, solved: Solved) -> tuple[
 
 
 def provisional_parameters(request: Request, kept: RecentSamples, solved: Solved) -> FloatArray:
-    """Return the parameters (P,) of the newest provisional model; zero where there is none."""
+    """Return the parameters (P,) of the newest provisional model; zero if there is none."""
     found, size = provisional(request, kept, solved), request.structure.size
     return np.zeros(size) if found is None else found[1].theta[:size].copy()
 
 
 def _solved(request: Request, kept: RecentSamples, given: Refined | None) -> Refined | None:
-    """Return the estimate of some samples, from a given one or from the usual starts."""
+    """Return the estimate from some samples, started at a given one or as usual."""
     mapped, clean = cleaned(request, kept)
     preprocess = mapped.preprocess.resolve(clean.input.copy(), clean.output.copy())
     solution = modelled(request, preprocess, kept, [] if given is None else [given.theta])
@@ -261,7 +261,7 @@ def _solved(request: Request, kept: RecentSamples, given: Refined | None) -> Ref
 
 
 def _sizes(request: Request, held: int) -> Iterator[tuple[int, int]]:
-    """Yield sizes of provisional models, the largest first, and of the ones they start from: the same, afresh."""
+    """Yield sizes of provisional models, largest first, each with that of the model it starts from (same: none)."""
     size = request.first_hold
     while 2 * size <= held:
         size *= 2

@@ -1,4 +1,4 @@
-"""Trace: what `Identifier.update_many` returns, the history of one chunk of samples; of a bank `BankTrace`."""
+"""Trace: the result of `Identifier.update_many`, estimates and errors over a chunk; `BankTrace`: that of a bank."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from replant.model import interop
 from replant.numerics.arguments import FloatArray, IntArray, array_of_reals
 
 Estimated = Callable[[], FloatArray]  # gives an estimate (P,)
-Later = list[tuple[Estimated, FloatArray]]  # the estimates to solve for, and the rows of a trace that they belong into
+Later = list[tuple[Estimated, FloatArray]]  # the estimates to solve for, and the rows of a trace to write them to
 
 
 def write(estimate: Estimated, rows: FloatArray, later: Later | None) -> None:
-    """Write an estimate into rows of a trace, or leave it for later."""
+    """Write an estimate into rows of a trace, or append it to ``later``."""
     if later is None:
         rows[:] = estimate()
     else:
@@ -40,7 +40,7 @@ class Trace:
     errors : (K,) array
         A-priori output error y - theta' phi of each sample, in the unit of y; NaN for a rejected sample.
     time : (K,) array or None
-        The time stamps in s that came with the samples, infinite where one was not finite; None without stamps.
+        The time stamps of the samples in s, infinite if not finite; None without stamps.
     """
 
     names: tuple[str, ...]
@@ -64,12 +64,12 @@ class Trace:
     def index(self, true: Sequence[float] | FloatArray) -> FloatArray:
         r"""Return the performance index of each parameter, :math:`J_p = \sum_k (\hat p(t_k) - p(t_k))^2`, (P,).
 
-        The estimate at t_k is the one held before sample k's own update, as the article's figures need it.
+        The estimate at t_k is the one before the update with sample k, as in the article's figures.
 
         Parameters
         ----------
         true : (P,) or (K, P) array
-            The true parameters in the order of ``names``; constant, or one row a sample.
+            The true parameters in the order of ``names``; constant, or one row for each sample.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class Trace:
             raise InvalidArgumentError(
                 f"true must have shape ({len(self.names)},) or {self.parameters.shape}, got {reference.shape}"
             )
-        with np.errstate(over="ignore", invalid="ignore"):  # what leaves float64 is infinite
+        with np.errstate(over="ignore", invalid="ignore"):  # an overflow is infinite
             return np.asarray(((self.before() - reference) ** 2).sum(axis=0))
 
     def to_pandas(self, dt: float | None = None) -> Any:
@@ -100,8 +100,8 @@ class Trace:
         Parameters
         ----------
         dt : float, optional
-            Sampling time in s, for an index of time in s from the chunk's first sample; without it the index is that of
-            the time stamps, or counts samples where there are none.
+            Sampling time in s, for an index of time in s from the chunk's first sample; without it the index is the
+            time stamps, or the sample number if there are none.
 
         Raises
         ------
@@ -125,8 +125,8 @@ class Trace:
         Parameters
         ----------
         dt : float, optional
-            Sampling time in s; without it the first dimension is that of the time stamps, or ``sample``, a number,
-            where there are none.
+            Sampling time in s; without it the first dimension is that of the time stamps, or ``sample``, a number, if
+            there are none.
 
         Raises
         ------
@@ -149,7 +149,7 @@ class Trace:
 
 
 class StartingTrace(Trace):
-    """A trace that begins in a start-up: its provisional estimates are solved for when one of them is first read."""
+    """A trace that begins in a start-up: its provisional estimates are computed when one of them is first read."""
 
     def __init__(
         self, names: tuple[str, ...], start: FloatArray, parameters: FloatArray, errors: FloatArray,
@@ -171,7 +171,7 @@ class StartingTrace(Trace):
         return self._solved()[1]
 
     def _solved(self) -> tuple[FloatArray, FloatArray]:
-        """Return both, solved for; interrupted, or in two threads at once, this is done again."""
+        """Return start and parameters, after computing them; repeated after an interrupt, or in a second thread."""
         estimates, later = vars(self)["_estimates"], vars(self)["_later"]
         for estimate, rows in later:
             rows[:] = estimate()
@@ -181,14 +181,14 @@ class StartingTrace(Trace):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BankTrace:
-    """The course of a chunk of K samples, M members learning side by side.
+    """Traces, weights and lead of a bank of M members over a chunk of K samples.
 
     Attributes
     ----------
     pieces : tuple of tuple of Trace
-        Of each part of the chunk, those of the members.
+        The traces of the members, for each part of the chunk.
     weights : (K, M) array
-        After each sample.
+        Weights after each sample.
     lead : (K,) array of int
         Number of the member that was served after each sample.
     """
@@ -211,15 +211,15 @@ class BankTrace:
 
     @cached_property
     def members(self) -> tuple[Trace, ...]:
-        """The trace of each member, as `Identifier.update_many` of it alone returns it.
+        """The trace of each member, as `Identifier.update_many` of this member alone returns it.
 
-        Joined when it is asked for: the estimates of a start-up are solved for where somebody reads them.
+        Computed on first access, as the estimates of a start-up are.
         """
         return tuple(joined(each) for each in zip(*self.pieces, strict=True))
 
 
 def joined(traces: Sequence[Trace]) -> Trace:
-    """Return the trace of pieces that came one after the other."""
+    """Return the trace of consecutive pieces."""
     first = traces[0]
     if len(traces) == 1:
         return first
