@@ -109,8 +109,7 @@ class Alarm(IntEnum):
 
     NONE = 0
     RAISED = 1  # the CUSUM test has just raised it
-    LOOKED_INTO = 2  # a model of the samples since is sought; learning goes on
-    RESTS = 3  # the same, and learning pauses
+    RESTS = 3  # a model of the samples since is sought: learning pauses
     FLOATS = 4  # no model explains the output, as with a disconnected cable: learning pauses until this ends
 
 

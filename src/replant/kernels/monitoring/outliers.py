@@ -279,9 +279,6 @@ def test_power(s, power):
                 s.gap_at = s.samples
             else:
                 s.cusum_limit = min(2.0 * s.cusum_limit, LARGEST_LIMIT)
-            if s.alarm == Alarm.LOOKED_INTO:  # no other plant was found: such residuals are usual
-                s.usual_variance = max(s.usual_variance, s.late_variance)
-                s.usual_innovation = max(s.usual_innovation, s.late_innovation)
             s.alarm = Alarm.NONE
             s.cusum = 0.0
             s.change_began = s.samples
