@@ -14,7 +14,7 @@ from replant.kernels.schema import LAGS
 from replant.numerics.autoregression import in_a_row
 from replant.numerics.levels import ALPHA
 from replant.verdict.evidence import Evidence
-from replant.verdict.residual_tests import answer, colour_left
+from replant.verdict.loop import answer, colour_left
 from support.builders import G1, binary
 from support.loops import DT, coloured, controlled, steps
 

@@ -201,7 +201,7 @@ def test_the_changes_of_the_response_are_those_of_g() -> None:
     path = Path.of(Evidence(structure, DT, record, theta, None, theta, 0, 10))
     assert path is not None
     omega, small = np.array([0.3, 2.0, 7.0]), 1e-6
-    changes = path.model.changes_of_response(omega)
+    changes = path.changes_of_response(omega)
     a, b = np.array([4.0, 1.2, 1.0]), np.array([3.0, 1.0])  # a_0 .. a_n, b_0 .. b_m
 
     def response(a: np.ndarray, b: np.ndarray) -> np.ndarray:

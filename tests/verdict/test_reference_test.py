@@ -11,8 +11,9 @@ import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
 from replant.verdict import Assessment, assess_record
+from replant.verdict.alternatives import unexplained_by_reference
 from replant.verdict.evidence import Evidence
-from replant.verdict.residual_tests import Reference, unexplained_by_reference
+from replant.verdict.loop import Reference
 from support.builders import binary
 from support.cases import every
 from support.loops import DT, Loop, coloured, controlled, steps

@@ -13,8 +13,9 @@ from replant.estimation.simulation.model_run import run_model
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.numerics.score_test import Explained, Residual
+from replant.verdict.alternatives import Acting
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.residual_tests import unexplained
+from replant.verdict.loop import Loop
 from support.builders import G1, binary
 from support.cases import every
 
@@ -50,7 +51,7 @@ def part_of(
     evidence = Evidence(structure, DT, record, model, None, model, 0, u.size, in_sample=True, finished=True)
     runs = Runs.of(evidence)
     assert runs is not None
-    return unexplained(evidence, runs, feedback=False)
+    return Acting.of(evidence, runs, Loop()).unexplained()
 
 
 @every("colour", [0.9, 0.5, 0.0], quick=1)

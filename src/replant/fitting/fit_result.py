@@ -27,8 +27,8 @@ from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, quiet, sum_of_squares
 from replant.verdict import Assessment, Simulation, assess_record
 from replant.verdict.assess import MOST_SAMPLES
+from replant.verdict.loop import COPIED, IDLE, Reference, fault_of
 from replant.verdict.other_columns import OtherColumn, other_columns
-from replant.verdict.residual_tests import COPIED, IDLE, Reference, fault_of
 
 WITHOUT = "the fit does without it"
 

@@ -39,9 +39,9 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray, array_of
 from replant.numerics.autoregression import Autoregression, duration_of
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of, products
+from replant.verdict.loop import COPIED, STILL, Reference, fault_of
 from replant.verdict.miso_inputs import answering, controlled, timing
 from replant.verdict.miso_tests import GIVEN_UP, lacking, of_rivals
-from replant.verdict.residual_tests import COPIED, STILL, Reference, fault_of
 from replant.verdict.verdict import Finding
 
 IDLE = "the reference explains nothing of any input: give the column that does, move it more, or leave it out"

@@ -56,18 +56,20 @@ def amounts_of(columns: FloatArray, signal: FloatArray, weakest: float = WEAKEST
     return np.asarray(least_norm(columns / lengths, signal, weakest)[0] / lengths)
 
 
-def widening(basis: FloatArray, rest: FloatArray, variance: float) -> float:
+def widening(columns: FloatArray, rest: FloatArray, variance: float, basis: FloatArray | None = None) -> float:
     """Return by how much colour of a residual's rest (K,) widens its scores, what columns (K, R) explain of it.
 
     Of a white rest the squares of the scores of a stretch have the mean of those of the columns there, times its
-    variance.  1 where more may be chance.
+    variance.  1 where more may be chance.  Columns (K, C) that are not orthonormal are made so by a basis (C, R).
     """
-    if not (basis.shape[1] and variance > 0.0):
+    count = columns.shape[1] if basis is None else basis.shape[1]
+    if not (count and variance > 0.0):
         return 1.0
-    parts = np.array_split(np.arange(len(rest)), STRETCHES)
-    squares = sum(float(np.sum((products(basis[part], rest[part])) ** 2)) for part in parts)
-    wider = squares / (basis.shape[1] * variance)
-    chance = WIDER * math.sqrt(2.0 / (STRETCHES * basis.shape[1]))
+    parts = zip(np.array_split(columns, STRETCHES), np.array_split(rest, STRETCHES), strict=True)
+    scores = np.array([products(part, left) for part, left in parts])
+    scores = scores if basis is None else scores @ basis
+    wider = float(np.sum(scores**2)) / (count * variance)
+    chance = WIDER * math.sqrt(2.0 / (STRETCHES * count))
     return wider if wider > 1.0 + chance else 1.0
 
 

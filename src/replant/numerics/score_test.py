@@ -62,18 +62,33 @@ class Explained:
 
 
 @dataclass(frozen=True, eq=False)
-class Residual:
-    """A residual (K,) less what known columns explain of it, whitened, over the samples used."""
+class Whitening:
+    """A noise model, and the samples that it whitens."""
 
-    noise: Autoregression  # of the residual
-    known: FloatArray  # (K, N): the known columns, scaled to one
-    white_known: FloatArray  # (W, N): whitened
-    from_known: FloatArray  # (N, R): what makes them orthonormal
-    white: FloatArray  # (W,): the whitened residual
-    lengths: FloatArray  # (N,): of the known columns as they were given
+    noise: Autoregression
     past: IntArray  # (K,): how many samples in a row come before each
     used: BoolArray | slice  # (K,), or all
     unbroken: IntArray | None  # (K,): the same where the samples not used count; None where their part is not known
+
+    def of(self, signals: FloatArray) -> FloatArray:
+        """Return signals (K, ...) whitened (W, ...), in as many degrees of freedom as there are samples used."""
+        noise, unbroken, used = self.noise, self.unbroken, self.used
+        if unbroken is None or isinstance(used, slice) or not noise.order:
+            return np.asarray(noise.whiten_known(signals, self.past)[used])
+        # by a shorter past the samples behind holes are not independent: slow noise puts them on one level
+        return noise.without_unknown(noise.whiten_known(signals, unbroken), unbroken, np.flatnonzero(~used))
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """A residual (K,) less what known columns explain of it, whitened, over the samples used."""
+
+    whitening: Whitening
+    white: FloatArray  # (W,): the whitened residual
+    known: FloatArray  # (K, N): the known columns, scaled to one
+    lengths: FloatArray  # (N,): of these as they were given
+    white_known: FloatArray  # (W, N): whitened
+    from_known: FloatArray  # (N, R): what makes them orthonormal
 
     @classmethod
     def of(
@@ -87,50 +102,63 @@ class Residual:
     ) -> Residual:
         """Return that of an error (K,) and known columns (K, N); a constant is always known."""
         used = slice(None) if not isinstance(used, slice) and used.all() else used  # a view where a copy takes longer
-        known = np.column_stack([known, np.ones(error.size)])
-        lengths = lengths_of(known)
-        known = known / lengths
         error = error - error[used].mean()
         noise = Autoregression.of_residual(error, past, error.size) if noise is None else noise
-        white_known, white = (_whitened(noise, each, past, used, unbroken) for each in (known, error))
+        known = np.column_stack([known, np.ones(error.size)])
+        lengths = lengths_of(known)
+        known /= lengths
+        whitening = Whitening(noise, past, used, unbroken)
+        return cls._projected(whitening, whitening.of(error), known, lengths, whitening.of(known))
+
+    @classmethod
+    def _projected(
+        cls, whitening: Whitening, white: FloatArray, known: FloatArray, lengths: FloatArray, white_known: FloatArray
+    ) -> Residual:
+        """Return it less what the known columns explain of it."""
         basis = orthogonal(products(white_known, white_known))
         explained = basis @ (basis.T @ products(white_known, white[:, None])[:, 0])
         white = white - np.einsum("ij,j->i", white_known, explained)
-        return cls(noise, known, white_known, basis, white, lengths, past, used, unbroken)
+        return cls(whitening, white, known, lengths, white_known, basis)
+
+    def knowing(self, columns: FloatArray) -> Residual:
+        """Return it where further columns (K, C) are known."""
+        lengths = lengths_of(columns)
+        columns = columns / lengths
+        known, lengths = np.hstack([self.known, columns]), np.append(self.lengths, lengths)
+        white_known = np.hstack([self.white_known, self.whitening.of(columns)])
+        return self._projected(self.whitening, self.white, known, lengths, white_known)
 
     def beside(self, error: FloatArray, effect: FloatArray) -> Residual:
         """Return that of the same error (K,), whitened by the noise that an effect (K,) leaves of it."""
-        left = error - effect
-        noise = Autoregression.of_residual(left - left[self.used].mean(), self.past, left.size)
-        return Residual.of(error, self.known[:, :-1], self.past, self.used, noise, self.unbroken)
+        used, left = self.whitening.used, error - effect
+        noise = Autoregression.of_residual(left - left[used].mean(), self.whitening.past, left.size)
+        whitening = replace(self.whitening, noise=noise)
+        white = whitening.of(error - error[used].mean())
+        return self._projected(whitening, white, self.known, self.lengths, whitening.of(self.known))
 
     def weights_of(self, columns: FloatArray) -> FloatArray:
         """Return the weights (N, C) with which the known columns make up for columns (K, C)."""
-        along = products(self.white_known, self._whitened(columns))
-        return np.asarray(self.from_known @ (self.from_known.T @ along) / self.lengths[:, None])
+        return np.asarray(self._along(self.whitening.of(columns)) / self.lengths[:, None])
 
     def left_of(self, columns: FloatArray, weights: FloatArray) -> FloatArray:
         """Return what columns (K, C) by their weights (C,) make beside the known ones (K,)."""
-        along = self.from_known @ (self.from_known.T @ products(self.white_known, self._whitened(columns)))
-        left = combined(columns, weights) - combined(self.known, along @ weights)
-        return np.asarray(left - left[self.used].mean())
+        left = combined(columns, weights) - combined(self.known, self._along(self.whitening.of(columns)) @ weights)
+        return np.asarray(left - left[self.whitening.used].mean())
 
-    def explained(self, columns: FloatArray, spent: int = 0) -> Explained:
-        """Return what columns (K, C) could explain of it."""
+    def explained(self, columns: FloatArray, spent: int = 0, *, measures_chance: bool = False) -> Explained:
+        """Return what columns (K, C) could explain of it; how large that is, only if it is sure, or chance counts."""
         from scipy.special import fdtrc  # slow to import
 
         weights = np.zeros(columns.shape[1])
-        columns = columns - columns[self.used].mean(axis=0)
-        filtered = self._whitened(columns)
-        before = lengths_of(filtered)
-        along = self.from_known @ (self.from_known.T @ products(self.white_known, filtered))
+        columns = columns - columns[self.whitening.used].mean(axis=0)
+        filtered = self.whitening.of(columns)
+        before, along = lengths_of(filtered), self._along(filtered)
         left = filtered - combined(self.white_known, along)
         lengths = lengths_of(left)
         told = columns.any(axis=0) & (lengths > LEFT * before) & (before > TAKEN_AWAY * lengths_of(columns))
         if not told.any() or not sum_of_squares(self.white) > 0.0:
             return Explained(weights)
-        left = left[:, told] / lengths[told]
-        whole = (columns - combined(self.known, along))[self.used][:, told] / lengths[told]
+        left = (left if told.all() else left[:, told]) / lengths[told]
         basis = orthogonal(products(left, left))
         amounts = basis.T @ products(left, self.white[:, None])[:, 0]
         count, part = amounts.size, sum_of_squares(amounts)
@@ -138,32 +166,28 @@ class Residual:
             return Explained(weights)
         weights[told] = basis @ amounts / lengths[told]
         rest = self.white - combined(left, basis @ amounts)
-        size = len(self.past[self.used])
+        size = len(self.whitening.past[self.whitening.used])
         free = max(size - count - self.from_known.shape[1], 1)
         variance = sum_of_squares(rest) / free
         if not variance > 0.0:
-            return Explained(weights, float(np.mean((combined(whole, basis @ amounts)) ** 2)), 0.0, math.inf, 0.0, 0.0)
+            made = float(np.mean(self.left_of(columns, weights)[self.whitening.used] ** 2))
+            return Explained(weights, made, 0.0, math.inf, 0.0, 0.0)
         chance = float(fdtrc(count, free, part / count / variance))  # colour that the noise model leaves counts
-        variance *= widening(combined(left, basis), rest, variance)
-        gram = basis.T @ products(whole, whole) @ basis
-        output = gram @ amounts
-        power = (float(amounts @ output) - variance * float(np.trace(gram))) / size
-        std = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * sum_of_squares(output))) / size
-        limit = variance * float(chi2_quantile(1.0 - ALPHA, max(count - spent, 1)))
+        variance *= widening(left, rest, variance, basis)
+        statistic = part / (variance * float(chi2_quantile(1.0 - ALPHA, max(count - spent, 1))))
         spread = math.sqrt(variance) / float(lengths[told][0]) if count == 1 else math.inf
         roots = np.zeros((weights.size, count))
         roots[told] = math.sqrt(variance) * basis / lengths[told][:, None]
-        return Explained(weights, max(power, 0.0), std, part / limit, chance, spread, roots)
+        found = Explained(weights, 0.0, 0.0, statistic, chance, spread, roots)
+        if not (found.is_sure or measures_chance):
+            return found
+        whole = (columns - combined(self.known, along))[self.whitening.used]  # as they are in the output
+        square = products(whole, whole)
+        gram, output = roots.T @ square @ roots, square @ weights
+        power = (float(weights @ output) - float(np.trace(gram))) / size
+        std = math.sqrt(2.0 * float(np.sum(gram**2)) + 4.0 * sum_of_squares(roots.T @ output)) / size
+        return replace(found, power=max(power, 0.0), std=std)
 
-    def _whitened(self, columns: FloatArray) -> FloatArray:
-        return _whitened(self.noise, columns, self.past, self.used, self.unbroken)
-
-
-def _whitened(
-    noise: Autoregression, signals: FloatArray, past: IntArray, used: BoolArray | slice, unbroken: IntArray | None
-) -> FloatArray:
-    """Return signals (K, ...) whitened (W, ...), in as many degrees of freedom as there are samples used."""
-    if unbroken is None or isinstance(used, slice) or not noise.order:
-        return np.asarray(noise.whiten_known(signals, past)[used])
-    # by a shorter past the samples behind holes are not independent of each other: slow noise puts them on one level
-    return noise.without_unknown(noise.whiten_known(signals, unbroken), unbroken, np.flatnonzero(~used))
+    def _along(self, white: FloatArray) -> FloatArray:
+        """Return what of the known columns, scaled to one, whitened columns (W, C) hold (N, C)."""
+        return np.asarray(self.from_known @ (self.from_known.T @ products(self.white_known, white)))

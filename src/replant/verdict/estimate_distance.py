@@ -144,7 +144,7 @@ def newest_distances(
     nuisances = noise.whiten_whole(np.hstack([run.nuisances, np.ones((used.size, 1))]), past, used)[0]
     slopes = noise.whiten_whole(run.zeta, past, used)[0]
     by_reference = None if run.instruments is None else noise.whiten_whole(run.instruments, past, used)[0]
-    usual, wider = sum_of_squares(white) / max(int(whole.sum()), 1), 1.0
+    usual, longest = sum_of_squares(white) / max(int(whole.sum()), 1), 0
 
     def newton(rows: slice) -> tuple[Step, FloatArray, float]:
         moving = without(np.column_stack([slopes[rows], white[rows]]), nuisances[rows])
@@ -155,23 +155,22 @@ def newest_distances(
         covariance = max(usual, sum_of_squares(found.left) / free) * found.spread(found.instruments)
         return found, covariance, found.surprise(covariance)
 
+    def scatter(count: int) -> float:
+        begins = np.arange((len(white) - count) % count, len(white) - count, count)
+        chosen = np.linspace(0, begins.size - 1, min(begins.size, MOST_STRETCHES)).astype(int)
+        squares = [newton(slice(begin, begin + count))[2] for begin in begins[chosen].tolist()]
+        return float(np.median(squares)) / chi2_quantile(0.5, slopes.shape[1])  # some of them may lie after a change
+
     for count in counts:
         if count > len(white):
             return
         newest = len(white) - count
-        begins = range(newest % count, newest, count)
-        if len(begins) >= FEWEST_STRETCHES:  # the median: some of them may lie after a change
-            chosen = np.linspace(0, len(begins) - 1, min(len(begins), MOST_STRETCHES)).astype(int)
-            squares = [newton(slice(begins[k], begins[k] + count))[2] for k in chosen]
-            usual_square = chi2_quantile(0.5, slopes.shape[1])
-            wider = max(float(np.median(squares)) / usual_square or wider, 1.0)
-        else:
-            wider = max(wider, 1.0)
+        longest = count if newest // count >= FEWEST_STRETCHES else longest
         found, covariance, square = newton(slice(newest, None))
-        yield (
-            count,
-            found.distance(square, wider * chi2_quantile(1.0 - false_alarm, len(found.step)), wider * covariance),
-        )
+        limit = chi2_quantile(1.0 - false_alarm, len(found.step))
+        # what would be no surprise without scatter is none with it
+        wider = max(scatter(longest), 1.0) if longest and not square <= limit else 1.0
+        yield count, found.distance(square, wider * limit, wider * covariance)
 
 
 def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray, alone: FloatArray) -> list[Finding]:

@@ -33,27 +33,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import ModelRun, responses, run_model
 from replant.numerics.arguments import FloatArray
-from replant.numerics.levels import ALPHA, LARGEST_PART, NEGLIGIBLE
+from replant.numerics.levels import ALPHA, LARGEST_PART
 from replant.numerics.linear_algebra import chi2_quantile, combined, inner
 from replant.numerics.projections import without
-from replant.numerics.score_test import Explained, Residual
+from replant.numerics.score_test import Explained
+from replant.verdict.alternatives import Acting, power_of, residual_of
 from replant.verdict.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.residual_tests import (
-    Loop,
-    dynamics,
-    power_of,
-    residual_of,
-    unexplained,
-    unexplained_by_reference,
-)
 from replant.verdict.verdict import Finding, duration, percent
 
 WIDTHS = (0.2, 0.5)  # half widths of plays: two explain most of any between 0.1 and 0.7 [part of the largest input]
@@ -88,16 +80,22 @@ OF_SENSOR: Names = (FLATTENS, DEAF), (SKEWED, SKEWED)  # no plays: they look lik
 class Bend:
     """A curve before or behind the plant that explains a part of the residual beside linear columns."""
 
+    acting: Acting
     fault: str
     of_sensor: bool
     part: float  # of the output's power
-    least: float  # part from which on it is a fault: if linear columns explain more, the model is wrong instead
     statistic: float  # over its limit
+    power: float  # of the output
 
     @property
     def findings(self) -> list[Finding]:
-        """The finding on it; none if its part is too small."""
-        if not self.part > self.least:
+        """The finding on it; none if its part is small, or if linear columns explain more: the model is wrong then."""
+        acting = self.acting
+        if not self.part > LARGEST_PART:
+            return []
+        alone = residual_of(acting.evidence, acting.error, acting.nuisances)
+        linear = np.hstack([acting.slopes[acting.rows], acting.linear])
+        if not self.part > alone.explained(linear, measures_chance=True).power / self.power:
             return []
         place = "behind" if self.of_sensor else "before"
         reason = f"such a curve {place} the plant would explain another {percent(self.part)} of the output's power"
@@ -119,29 +117,23 @@ def bends_of(acting: Acting) -> tuple[Bend | None, Bend | None]:
     """Return the most significant curve of the actuator, and of the sensor; None if not significant or in feedback."""
     if acting.loop.feedback.found and acting.loop.reference is None:  # a load that the input answers looks similar
         return None, None
-    evidence, rows = acting.evidence, acting.evidence.known
-    given, error, nuisances = acting.whole_input, acting.runs.now.error[rows], acting.runs.now.nuisances[rows]
-    before = given.size - evidence.samples  # earlier inputs act on the samples, too
-    linear = np.hstack([acting.slopes[rows], acting.linear])
-    residual = residual_of(evidence, error, np.hstack([nuisances, linear]))
-    by_linear = residual_of(evidence, error, nuisances).explained(linear).power
+    evidence, rows, sensed = acting.evidence, acting.rows, acting.sensed
 
-    def surest(signal: FloatArray, output: FloatArray, names: Names, *, of_sensor: bool) -> Bend | None:
-        """Return the most significant curve of a signal (K,), as a part of an output (J,)."""
-        power, newest = power_of(evidence, output), signal[signal.size - evidence.samples :][rows]
-        least, found = max(LARGEST_PART, by_linear / power), []
+    def surest(signal: FloatArray, power: float, names: Names, *, of_sensor: bool) -> Bend | None:
+        """Return the most significant curve of a signal (K,), as a part of an output with this power."""
+        newest, found = slice(signal.size - evidence.samples, None), []  # earlier inputs act on the samples, too
         for curves, (inward, outward) in zip(_curves(signal), names, strict=False):  # as many as there are names
-            made = curves if of_sensor else _behind_the_plant(evidence, curves)[before:]
-            told = residual.explained(made[rows])
+            made = curves if of_sensor else _behind_the_plant(evidence, curves)
+            told = acting.beyond_dynamics.explained(made[newest][rows])
             if told.is_sure:
-                curve = combined(curves[signal.size - evidence.samples :][rows], told.weights)
-                fault = outward if _grows_outward(newest, curve) else inward
-                found.append(Bend(fault, of_sensor, min(told.power / power, 1.0), least, told.statistic))
+                curve = combined(curves[newest][rows], told.weights)
+                fault = outward if _grows_outward(signal[newest][rows], curve) else inward
+                found.append(Bend(acting, fault, of_sensor, min(told.power / power, 1.0), told.statistic, power))
         return surest_of(found)
 
-    actuator = surest(_scaled(given - evidence.input_zero), acting.made[rows], OF_ACTUATOR, of_sensor=False)
-    sensed = acting.sensed[rows]
-    return actuator, surest(_scaled(acting.sensed - sensed.mean()), sensed, OF_SENSOR, of_sensor=True)
+    v, z = _scaled(acting.whole_input - evidence.input_zero), _scaled(sensed - sensed[rows].mean())
+    actuator = surest(v, acting.power, OF_ACTUATOR, of_sensor=False)
+    return actuator, surest(z, power_of(evidence, sensed[rows]), OF_SENSOR, of_sensor=True)
 
 
 def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
@@ -170,22 +162,19 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 def dead_time_findings(acting: Acting, part: Explained) -> list[Finding]:
     """Return a finding if another dead time explains most of ``part``, which other dynamics could explain."""
-    evidence, runs, loop = acting.evidence, acting.runs, acting.loop
+    evidence, loop = acting.evidence, acting.loop
     past = loop.feedback.found and loop.reference is None
-    late = later(evidence.record, acting.output, evidence.dt, past=past)[evidence.known, None]
-    told = acting.told(late)
-    if told is None:
+    late = later(evidence.record, acting.output, evidence.dt, past=past)[acting.rows, None]
+    effect = acting.effect_of(late)
+    if effect is None:
         return []
-    off = told.weight * evidence.dt
+    off = effect.weight * evidence.dt
     # a missing pole also looks like a dead time, but leaves more for other dynamics to explain
-    if loop.reference is None:
-        left = unexplained(evidence, runs, feedback=loop.feedback.found, known=late)
-    else:
-        left = unexplained_by_reference(evidence, runs.now, loop.reference, np.hstack([acting.known, late]))
+    left = acting.unexplained(late)
     if left.is_sure and (left.is_large or left.power > 0.5 * part.power):
         return []
-    status = "inconsistent" if told.size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
-    return list(timing_finding("the input", evidence.structure.delay, off, evidence.dt, told.size, status))
+    status = "inconsistent" if effect.size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
+    return list(timing_finding("the input", evidence.structure.delay, off, evidence.dt, effect.size, status))
 
 
 def timing_finding(
@@ -210,12 +199,12 @@ def direct_findings(acting: Acting) -> list[Finding]:
     """Return a finding if the input acts on the output of the same row, with the sign of a direct path."""
     if not acting.loop.is_direct:
         return []
-    told = acting.told(acting.input[acting.evidence.known, None])
-    if told is None:
+    effect = acting.effect_of(acting.input[acting.rows, None])
+    if effect is None:
         return [Finding("trusted", ALONG)]
-    status = "inconsistent" if told.size > FARTHEST else "trusted"
+    status = "inconsistent" if effect.size > FARTHEST else "trusted"
     advice = "ask for as many zeros as poles, or move the output's column down by one"
-    return [Finding(status, f"{ALONG}; with a direct path a coefficient differs by {percent(told.size)}: {advice}")]
+    return [Finding(status, f"{ALONG}; with a direct path a coefficient differs by {percent(effect.size)}: {advice}")]
 
 
 def rhythm_findings(acting: Acting, part: Explained) -> list[Finding]:
@@ -223,11 +212,11 @@ def rhythm_findings(acting: Acting, part: Explained) -> list[Finding]:
     if acting.loop.reference is not None:
         return []
     period, waves = _waves(acting.evidence)
-    told = acting.told(waves[acting.evidence.known]) if waves.size else None
-    if told is None or not (told.statistic > part.statistic and told.size > FARTHEST):
+    effect = acting.effect_of(waves[acting.rows]) if waves.size else None
+    if effect is None or not (effect.statistic > part.statistic and effect.size > FARTHEST):
         return []
     reason = f"a disturbance that has the input's period, {duration(period)}, would explain what the model leaves, and"
-    reason += f" with it a coefficient differs by {percent(told.size)}"
+    reason += f" with it a coefficient differs by {percent(effect.size)}"
     return [Finding("inconsistent", f"{reason}: move the input in another rhythm, or record the disturbance, too")]
 
 
@@ -242,87 +231,6 @@ def _waves(evidence: Evidence) -> tuple[float, FloatArray]:
         return 0.0, np.zeros((times.size, 0))
     omega = 2.0 * math.pi * (first + int(np.argmax(lines[first:]))) / (FINER * (even[1] - even[0]) * times.size)
     return 2.0 * math.pi / omega, np.column_stack([np.cos(omega * times), np.sin(omega * times)])
-
-
-@dataclass(frozen=True)
-class Told:
-    """The effect of a signal that acts on the output in addition to the model."""
-
-    weight: float  # of its first column
-    size: float  # largest relative change of a coefficient
-    statistic: float  # over its limit
-
-
-@dataclass(frozen=True, eq=False)
-class Acting:
-    """The acting input, with a reference the part that this explains, and the tests of its effect on the output."""
-
-    evidence: Evidence
-    runs: Runs
-    loop: Loop
-    input: FloatArray  # (K,)
-    output: FloatArray  # (K,): the model's output by ``input``
-    slopes: FloatArray  # (K, n + m + 1)
-    sensed: FloatArray  # (K,): the modelled output of all inputs, which the sensor measures
-
-    @classmethod
-    def of(cls, evidence: Evidence, runs: Runs, loop: Loop, sensed: FloatArray | None = None) -> Acting:
-        """Return the acting input; give ``sensed`` if other inputs act, too."""
-        run, reference = runs.now, loop.reference
-        if reference is None or run.instruments is None:
-            return cls(evidence, runs, loop, run.u, run.forced, run.zeta, run.forced if sensed is None else sensed)
-        b = evidence.structure.numerator
-        output = combined(run.instruments[:, b], evidence.estimate[b])
-        return cls(evidence, runs, loop, reference.input, output, run.instruments, output)
-
-    @property
-    def known(self) -> FloatArray:
-        """Known columns (J, N), slopes and nuisances, over the samples that the estimate should explain."""
-        rows = self.evidence.known
-        return np.hstack([self.slopes[rows], self.runs.now.nuisances[rows]])
-
-    @property
-    def made(self) -> FloatArray:
-        """The output (K,), or the part that a reference explains."""
-        return self.evidence.record.y if self.loop.reference is None else self.loop.reference.output
-
-    @property
-    def whole_input(self) -> FloatArray:
-        """The acting input; without a reference with the samples before the evidence, which act, too."""
-        record = self.evidence.record
-        return record.joined.u if self.loop.reference is None else self.input + record.u.mean()
-
-    @cached_property
-    def linear(self) -> FloatArray:
-        """Columns (J, C) of other dynamics over the samples that the estimate should explain."""
-        reference, rows = self.loop.reference, self.evidence.known
-        if reference is not None:
-            return reference.states[rows]
-        return dynamics(self.evidence, self.runs.now, feedback=self.loop.feedback.found)
-
-    @cached_property
-    def residual(self) -> Residual:
-        """The residual beside the known columns."""
-        return residual_of(self.evidence, self.runs.now.error[self.evidence.known], self.known)
-
-    @property
-    def speeds(self) -> FloatArray:
-        """Speeds (n,) at which the poles count, see `Speeds`."""
-        reference = self.loop.reference
-        return Speeds.of(self.evidence, self.loop.is_closed, None if reference is None else reference.output).poles
-
-    def told(self, columns: FloatArray) -> Told | None:
-        """Return the effect of columns (J, C) beside the model; None if not significant, or negligible."""
-        found = self.residual.explained(columns)
-        made = power_of(self.evidence, self.made[self.evidence.known])
-        if not (found.is_sure and found.power > NEGLIGIBLE * made):
-            return None
-        return Told(float(found.weights[0]), self.size_of(columns, found.weights), found.statistic)
-
-    def size_of(self, columns: FloatArray, weights: FloatArray) -> float:
-        """Return the largest relative change of a coefficient beside columns (J, C) with weights (C,)."""
-        step = -self.residual.weights_of(columns)[: self.evidence.coefficients] @ weights
-        return self.runs.size(step, self.speeds)
 
 
 def later(record: Record, output: FloatArray, dt: float, *, past: bool) -> FloatArray:

@@ -15,14 +15,14 @@ import numpy as np
 
 from replant.estimation.simulation.miso import Point, Row
 from replant.estimation.simulation.model_run import PER_COEFFICIENT, run_model
-from replant.estimation.solver.feedback_test import Feedback
 from replant.numerics.arguments import FloatArray
+from replant.verdict.alternatives import Acting
 from replant.verdict.assess import MOST_IRREGULAR, MOST_SAMPLES
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.held_output import held_output_findings
-from replant.verdict.input_faults import Acting, bends_of, hold_findings, rhythm_findings, surest_of
+from replant.verdict.input_faults import bends_of, hold_findings, rhythm_findings, surest_of
+from replant.verdict.loop import Loop
 from replant.verdict.plant_faults import plant_findings
-from replant.verdict.residual_tests import Loop, unexplained
 from replant.verdict.verdict import Finding
 
 
@@ -64,11 +64,10 @@ def faults_of_row(seen: Sequence[Seen]) -> Iterator[Finding]:
     yield from of_sensor
     for each, bend in zip(seen, actuators, strict=True):
         acting = each.acting
-        evidence, runs = acting.evidence, acting.runs
         found = [
-            *hold_findings(evidence, runs),
+            *hold_findings(acting.evidence, acting.runs),
             *([] if bend is None or of_sensor else bend.findings),
-            *rhythm_findings(acting, unexplained(evidence, runs)),
+            *rhythm_findings(acting, acting.unexplained()),
             *plant_findings(acting),
         ]
         yield from (Finding(one.status, f"{each.subject}: {one.reason}") for one in found)
@@ -112,5 +111,5 @@ def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which:
     run = replace(run, error=error, nuisances=np.hstack([free, np.delete(slopes, places, axis=1)])[rows])
     runs = Runs(run, run, error - error.mean(), float(np.var(evidence.record.y)))
     sensed = outputs.sum(axis=1)[rows] / evidence.output_unit
-    acting = Acting.of(evidence, runs, Loop(Feedback(), None, []), sensed)
+    acting = Acting.of(evidence, runs, Loop(), sensed)
     return Seen(row.names[number], acting, len(row.names) == 1)

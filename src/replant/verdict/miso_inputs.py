@@ -190,7 +190,7 @@ def _later_of(row: Row, point: Point) -> Callable[[Stretch], FloatArray]:
     """Return the function that gives the change (K, q) of each branch's output if delayed by a sampling time."""
 
     def columns(stretch: Stretch) -> FloatArray:
-        outputs, _, _ = row.signals(point.theta, stretch, np.zeros(row.nuisances - 1))
+        outputs, _, _ = row.signals(point.theta, stretch)
         record = stretch.inputs[0]
         return np.column_stack([later(record, output, row.dt, past=False) for output in outputs.T])
 
@@ -203,7 +203,7 @@ def _beside(
     """Return weights (C,), statistics over their limit (C,) and steps (P,) for each of some columns by itself."""
     parts = []
     for stretch in row.stretches:
-        _, _, free = row.signals(point.theta, stretch, np.zeros(row.nuisances - 1))
+        _, _, free = row.signals(point.theta, stretch)
         parts.append(without(*(row.whitened(noise, each, stretch) for each in (columns(stretch), free))))
     white, zeta, error = (np.concatenate(each) for each in (parts, point.zeta, point.error))
     taken = weights_by(products(zeta, zeta), products(zeta, white))
@@ -222,7 +222,7 @@ def _beside(
 
 def _sizes(row: Row, point: Point, step: FloatArray) -> list[float]:
     """Return the largest relative change of a coefficient by a step (P,) for each input, see `relative_size`."""
-    runs = [row.signals(point.theta, stretch, np.zeros(row.nuisances - 1)) for stretch in row.stretches]
+    runs = [row.signals(point.theta, stretch) for stretch in row.stretches]
     outputs, slopes = (np.concatenate([run[part] for run in runs]) for part in (0, 1))
     sizes = []
     for structure, rows, output in zip(row.structures, row.places, outputs.T, strict=True):

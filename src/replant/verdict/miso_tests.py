@@ -31,8 +31,8 @@ from replant.numerics.linear_algebra import (
 from replant.numerics.projections import WEAKEST, orthogonal, widening, without
 from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
 from replant.verdict.evidence import COPY_OF, FEWEST, RESTED, is_copy, moving, rounding_of
+from replant.verdict.loop import Reference
 from replant.verdict.miso_evidence import faults_of_output, faults_of_row, seen_by_each
-from replant.verdict.residual_tests import Reference
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, figure, percent
 
 GIVEN_UP = (
@@ -302,8 +302,8 @@ def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray)
     limit = chi2_quantile(1.0 - ALPHA, step.size) * widening(basis, without(error[:, None], zeta)[:, 0], variance)
     if not float(step @ inverse_of(spread) @ step) > limit:  # also if NaN: the samples do not determine the step
         return
-    states, parts = np.zeros(row.nuisances - 1), []
-    outputs = np.concatenate([row.whitened(noise, row.signals(point.theta, s, states)[0], s) for s in row.stretches])
+    parts = []
+    outputs = np.concatenate([row.whitened(noise, row.signals(point.theta, s)[0], s) for s in row.stretches])
     for rows, output in zip(row.places, outputs.T, strict=True):
         parts.append(float(sum_of_squares(combined(phi[:, rows], step[rows]))) / max(sum_of_squares(output), 1e-300))
     part, name = max(zip(parts, row.names, strict=True))
@@ -333,8 +333,7 @@ def of_rivals(row: Row, point: Point, rivals: Iterable[FloatArray]) -> Iterator[
 
 def _parts(row: Row, theta: FloatArray) -> FloatArray:
     """Return the parts (K, q) of the measured outputs by each input, each stretch from rest."""
-    states = np.zeros(row.nuisances - 1)
-    return np.concatenate([row.signals(theta, each, states)[0][each.measured] for each in row.stretches])
+    return np.concatenate([row.signals(theta, each)[0][each.measured] for each in row.stretches])
 
 
 def power_of_row(row: Row, noise: Autoregression) -> float:
@@ -366,7 +365,7 @@ def of_filters(
         given = [np.ascontiguousarray(each[stretch.rows] - each[stretch.rows][0]) for each in signals]
         records = [replace(stretch.inputs[0], u=each) for each in given]
         runs = [model.run(np.array([p, p, 0.0, 0.0]), record).output for record in records for p in cutoffs]
-        _, _, free = row.signals(point.theta, stretch, np.zeros(row.nuisances - 1))
+        _, _, free = row.signals(point.theta, stretch)
         columns = np.column_stack([*runs, *given])
         parts.append(without(*(row.whitened(noise, each, stretch) for each in (columns, free))))
     white, phi, error = (np.concatenate(each) for each in (parts, point.zeta, point.error))

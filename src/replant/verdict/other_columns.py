@@ -16,7 +16,7 @@ something.  Its columns are known from then on, so that a second sensor of the s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,10 +31,11 @@ from replant.numerics.linear_algebra import combined, quiet
 from replant.numerics.projections import without
 from replant.numerics.robust import last_known
 from replant.numerics.score_test import Explained, Residual
+from replant.verdict.alternatives import Acting, dynamics, power_of, residual_of
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.estimate_tests import without_longer
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.residual_tests import Reference, answer, dynamics, known_columns, power_of, residual_of
+from replant.verdict.loop import Loop, Reference, answer
 from replant.verdict.verdict import Assessment, percent
 
 REFINED = 2  # times that the noise model is estimated again beside a column: a third changes no verdict [count]
@@ -82,44 +83,38 @@ def other_columns(
     runs = Runs.of(evidence)
     if runs is None:
         return ()
-    run = runs.now
-    closed = answer(evidence, run, evidence.record.u, first=int(run.is_direct)).found
+    acting = Acting.of(evidence, runs, Loop(answer(evidence, runs.now, evidence.record.u, int(runs.now.is_direct))))
     causes = {}
     for name, x in signals.items():
         by_x = _run(evidence, x)
-        if by_x is not None and not _is_made_of(evidence, run, by_x.u, closed=closed):
+        if by_x is not None and not _is_made_of(acting, by_x.u):
             causes[name] = by_x
-    return tuple(_chosen(evidence, run, causes, closed=closed))
+    return tuple(_chosen(acting, causes))
 
 
-def _chosen(evidence: Evidence, run: ModelRun, causes: dict[str, ModelRun], *, closed: bool) -> list[OtherColumn]:
-    """Return the causes that explain something, each beside the ones chosen before it."""
-    error, y = run.error[evidence.known], evidence.record.y[evidence.known]
-    own = known_columns(evidence, run)
-    known, found = np.hstack([own, dynamics(evidence, run, feedback=closed)]), []
-    causes = dict(causes)
-    while causes:
-        residual, sure = residual_of(evidence, error, known), []
-        for name, by_x in causes.items():
+def _chosen(acting: Acting, causes: dict[str, ModelRun]) -> Iterator[OtherColumn]:
+    """Yield those of the causes that explain something, each beside the ones before it."""
+    evidence, error, y = acting.evidence, acting.error, acting.made
+    residual, left = acting.residual.knowing(acting.linear), dict(causes)
+    while left:
+        sure = []
+        for name, by_x in left.items():
             columns = dynamics(evidence, by_x)
             explained = _explained(residual, error, columns)
-            part = explained.of_output(y, error, evidence.used[evidence.known])
+            part = explained.of_output(y, error, evidence.used[acting.rows])
             if not (part.is_sure and part.power > MATTERS):
                 continue
-            size = min(part.power, _explicable(residual, error, columns) / power_of(evidence, y))
+            size = min(part.power, _explicable(residual, error, columns) / acting.power)
             if size > MATTERS:
                 sure.append((size, name, columns, combined(columns, explained.weights)))
         if not sure:
-            break
+            return
         sure.sort(key=lambda each: -each[0])
-        first = _first_cause(evidence, {name: causes[name] for _, name, _, _ in sure})
+        first = _first_cause(evidence, {name: left[name] for _, name, _, _ in sure})
         size, _, columns, effect = next(each for each in sure if each[1] == first)
-        del causes[first]
-        known = np.hstack([known, columns])
-        bias = _bias(evidence, error, own, effect, y) if evidence.adapts else 0.0
-        left = size * power_of(evidence, y) / power_of(evidence, error)
-        found.append(OtherColumn(first, size, left, bias))
-    return found
+        del left[first]
+        residual = residual.knowing(columns)
+        yield OtherColumn(first, size, size * acting.power / power_of(evidence, error), _bias(acting, effect))
 
 
 def _first_cause(evidence: Evidence, sure: Mapping[str, ModelRun]) -> str:
@@ -149,27 +144,26 @@ def _explained(residual: Residual, error: FloatArray, columns: FloatArray) -> Ex
 def _explicable(residual: Residual, error: FloatArray, columns: FloatArray) -> float:
     """Return the largest mean square of an error (K,) that columns (K, C) explain, beside the known ones."""
     # not by weights of whitened signals: for a slow effect in slow noise they may explain more than the error
-    rows = residual.used
+    rows = residual.whitening.used
     before = without(error[rows, None], residual.known[rows])
     after = without(before, without(columns[rows], residual.known[rows]))
     return float(np.mean(before**2) - np.mean(after**2))
 
 
-def _bias(evidence: Evidence, error: FloatArray, own: FloatArray, effect: FloatArray, y: FloatArray) -> float:
-    """Return the power of a column's effect (K,) that the model's slopes, in ``own``, take up, over the output's."""
-    slopes = evidence.coefficients
-    weights = residual_of(evidence, error, own).weights_of((effect - effect.mean())[:, None])[:slopes, 0]
-    taken = combined(own[:, :slopes], weights)
-    return float(np.var(taken[evidence.used[evidence.known]])) / power_of(evidence, y)
+def _bias(acting: Acting, effect: FloatArray) -> float:
+    """Return how much of a column's effect (K,) the model's own slopes take up, as a part of the output."""
+    slopes = acting.slopes[acting.rows]
+    weights = acting.residual.weights_of((effect - effect.mean())[:, None])[: slopes.shape[1], 0]
+    taken = combined(slopes, weights)
+    return float(np.var(taken[acting.evidence.used[acting.rows]])) / acting.power
 
 
-def _is_made_of(evidence: Evidence, run: ModelRun, x: FloatArray, *, closed: bool) -> bool:
+def _is_made_of(acting: Acting, x: FloatArray) -> bool:
     """Return whether a signal is made from the output or the input, or moves the output through the input."""
-    if _follows(evidence, x, run):
+    evidence, run = acting.evidence, acting.runs.now
+    if _follows(evidence, x, run) or answer(evidence, run, x).found:
         return True
-    if answer(evidence, run, x).found:
-        return True
-    return closed and Reference.projected(x, evidence.record.u, evidence.record.y).strength > 1.0
+    return acting.loop.is_closed and Reference.projected(x, evidence.record.u, evidence.record.y).strength > 1.0
 
 
 def _run(evidence: Evidence, x: FloatArray) -> ModelRun | None:

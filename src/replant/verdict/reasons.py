@@ -33,6 +33,7 @@ from replant.numerics.levels import MATTERS, NEGLIGIBLE
 from replant.numerics.linear_algebra import quiet
 from replant.numerics.robust import robust_std
 from replant.verdict import sensor_and_excitation
+from replant.verdict.alternatives import Acting, unexplained_before, unexplained_by_reference
 from replant.verdict.estimate_tests import Certainty, slow_noise, without_longer
 from replant.verdict.evidence import (
     CONSTANT,
@@ -47,22 +48,14 @@ from replant.verdict.evidence import (
 )
 from replant.verdict.held_output import held_output_findings
 from replant.verdict.input_faults import (
-    Acting,
     bend_findings,
     dead_time_findings,
     direct_findings,
     hold_findings,
     rhythm_findings,
 )
+from replant.verdict.loop import COLOURED, Loop, Reference
 from replant.verdict.plant_faults import plant_findings
-from replant.verdict.residual_tests import (
-    COLOURED,
-    Loop,
-    Reference,
-    unexplained,
-    unexplained_before,
-    unexplained_by_reference,
-)
 from replant.verdict.sensor_and_excitation import LOADS_ACT, LOADS_MAY_ACT
 from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, percent
 
@@ -243,7 +236,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         model = [Finding(max(found.status, "converging", key=STATUSES.index), found.reason) for found in model]
     held = [] if loop.reference is not None else hold_findings(evidence, runs)
     # an input with a wrong hold acts half a sample early, and then seems to answer the residual
-    return (held or loop.findings + direct_findings(acting)) + model + certainty.findings
+    return (held or [*loop.findings, *direct_findings(acting)]) + model + certainty.findings
 
 
 def _disagreement(size: float) -> list[Finding]:
@@ -292,24 +285,20 @@ def _how_run(evidence: Evidence, loop: Loop) -> str:
 
 def _unexplained(acting: Acting, figures: Figures) -> list[Finding]:
     """Return a finding on what other dynamics, or the reference, could still explain of the residual."""
-    evidence, runs, loop = acting.evidence, acting.runs, acting.loop
-    closed = loop.feedback.found
-    if loop.reference is not None:  # in feedback the input may explain what the noise model leaves
-        part, source = unexplained_by_reference(evidence, runs.now, loop.reference), "reference"
-    else:
-        part, source = unexplained(evidence, runs, feedback=closed), "input"
+    loop, part = acting.loop, acting.unexplained()
     figures |= {"explained": part.power, "explained_limit": part.statistic}
     named = rhythm_findings(acting, part) or dead_time_findings(acting, part)
     if named:
         return named
     if not part.is_sure or part.power < NEGLIGIBLE:
         return []
+    source = "input" if loop.reference is None else "reference"  # the input may explain what the noise model leaves
     reason = f"the {source} could explain another {percent(min(part.power, 1.0))} of the output's power"
     if not part.is_large:
         return [Finding("trusted", f"{reason}, unexplained by the model: small, but statistically significant")]
-    if closed and loop.reference is None:
+    if loop.feedback.found and loop.reference is None:
         return [Finding("inconsistent", f"{reason}: {COLOURED}")]
-    biased = "" if evidence.instruments else "noise, which biases an estimate without instruments, "
+    biased = "" if acting.evidence.instruments else "noise, which biases an estimate without instruments, "
     causes = f"{biased}too few poles or zeros, a wrong dead time, or a plant that changes or is nonlinear"
     return [Finding("inconsistent", f"{reason}, unexplained by the model: {causes}")]
 

@@ -130,9 +130,13 @@ class Row:
         )
 
     def signals(
-        self, theta: FloatArray, stretch: Stretch, states: FloatArray
+        self, theta: FloatArray, stretch: Stretch, states: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the outputs (K, q) of the branches from rest, the slopes (K, P) and the nuisances (K, N)."""
+        """Return the outputs (K, q) of the branches from rest, the slopes (K, P) and the nuisances (K, N).
+
+        The slopes are those of runs from initial states, or from rest.
+        """
+        states = np.zeros(self.nuisances - 1) if states is None else states
         outputs, slopes, free = self._models.run(self.branches(theta), states, stretch.inputs)
         parts = self._models.of_each(states)
         outputs = [each - combined(response, state) for each, response, state in zip(outputs, free, parts, strict=True)]

@@ -242,7 +242,7 @@ def _cost_of_step(row: Row, begin: int, theta: FloatArray, noise: Autoregression
     columns, error = model.whitened(noise)
     step = (np.arange(error.size) >= begin).astype(float)
     driven = Row(row.structures, row.record, np.repeat(step[:, None], len(row.structures), axis=1))
-    answers = driven.signals(theta, driven.stretches[0], np.zeros(row.nuisances - 1))[0]
+    answers = driven.signals(theta, driven.stretches[0])[0]
     steps, free = row.whitened(noise, np.column_stack([step, answers]), stretch), columns[:, model.size :]
     left = np.column_stack([steps, error])
     left = left - combined(free, least_norm(free, left, WEAKEST)[0])
@@ -321,7 +321,7 @@ class _Fitted:
     @classmethod
     def of(cls, row: Row, theta: FloatArray) -> _Fitted:
         (stretch,) = row.stretches
-        outputs, slopes, free = row.signals(theta, stretch, np.zeros(row.nuisances - 1))
+        outputs, slopes, free = row.signals(theta, stretch)
         left, rows = stretch.y - outputs.sum(axis=1), stretch.measured
         left = left - combined(free, least_norm(free[rows], left[rows], WEAKEST)[0])
         return cls(row, theta.size, np.column_stack([slopes, free]), np.where(rows, left, 0.0))

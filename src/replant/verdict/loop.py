@@ -1,16 +1,4 @@
-r"""Tests of a model's residual by the score test (`numerics.score_test`), and of the loop in which it was recorded.
-
-| alternative | columns of its score test |
-|---|---|
-| other dynamics | the input, the simulated output and their states, delayed by powers of two samples |
-| the reference explains more | Laguerre functions of it |
-| another column of the file | those of other dynamics, by this column (`other_columns`) |
-| actuator, hold, dead time | see `input_faults` |
-| a plant that is not linear | see `plant_faults` |
-
-Under feedback the input answers the residual of a right model, too, at once and later; this is tested by
-`replant.estimation.solver.feedback_test`.  The columns of a sample then use only what was known before it (for a model
-with a direct path they are one sample late).
+r"""The loop in which a record was made: whether a controller closes it, and what a reference explains of it.
 
 A reference r is applied from outside: a set-point, a dither.  It is independent of the noise, so that the part of a
 residual that it explains is an error of the model, for any noise and also in feedback.  It is represented by the states
@@ -28,7 +16,7 @@ Hof and Schrama (1993), "An indirect method for transfer function estimation fro
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,7 +27,6 @@ from replant.numerics.autoregression import Autoregression, whiteness
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, combined, products, sum_of_squares
 from replant.numerics.projections import best_pole, explained_power, laguerre, orthogonal, weights_of, widening, without
-from replant.numerics.score_test import Explained, Residual
 from replant.verdict.evidence import RESTING, ROUNDING, Evidence, Runs, rounding_of
 from replant.verdict.verdict import Finding
 
@@ -57,52 +44,6 @@ COLOURED = (
     "the loop is closed, and either its disturbances have more colour than the noise model, or the model is wrong; to "
     f"learn which, {REMEDY} ({ALIKE}: record what was commanded)"
 )
-
-
-def power_of(evidence: Evidence, output: FloatArray) -> float:
-    """Return the variance of an output (K,) over the used samples of ``evidence.known``; never zero."""
-    return max(float(np.var(output[evidence.used[evidence.known]])), float(np.finfo(float).tiny))
-
-
-def residual_of(evidence: Evidence, error: FloatArray, known: FloatArray) -> Residual:
-    """Return the residual of an error (K,) and known columns (K, N) over the samples of ``evidence.known``."""
-    used = evidence.used[evidence.known]
-    return Residual.of(error, known, evidence.past, used, unbroken=evidence.unbroken_of(evidence.known))
-
-
-def known_columns(evidence: Evidence, run: ModelRun) -> FloatArray:
-    """Return the known columns (K, N): nuisances, and the slopes if the estimate was made from the samples."""
-    rows = evidence.known
-    fitted = evidence.adapts and evidence.instruments
-    return np.hstack([run.zeta[rows], run.nuisances[rows]]) if fitted else run.nuisances[rows]
-
-
-def unexplained(
-    evidence: Evidence, runs: Runs, *, feedback: bool = False, known: FloatArray | None = None
-) -> Explained:
-    """Return what other dynamics could explain, beside further ``known`` columns (K, N); in feedback by the past."""
-    run, rows = runs.now, evidence.known
-    error, own = run.error[rows], known_columns(evidence, run)
-    residual = residual_of(evidence, error, own if known is None else np.hstack([own, known]))
-    columns = dynamics(evidence, run, feedback=feedback)
-    return residual.explained(columns).of_output(evidence.record.y[rows], error, evidence.used[rows])
-
-
-def unexplained_before(evidence: Evidence, runs: Runs) -> Explained:
-    """Return what the input could explain of the earlier estimate's residual over the samples that it has not used."""
-    newest, run = replace(evidence, follows=True), runs.old  # `known` is then what was held out
-    rows = newest.known
-    residual = residual_of(newest, run.error[rows], run.nuisances[rows])
-    # other coefficients count as other dynamics do: the plant may have changed
-    found = residual.explained(np.hstack([dynamics(newest, run), run.zeta[rows]]))
-    part = found.of_output(evidence.record.y[rows], run.error[rows], newest.used[rows])
-    # the variance of the estimate adds as samples held out over samples learned
-    return replace(part, statistic=part.statistic / (1.0 + evidence.held_out / max(evidence.learned, 1)))
-
-
-def dynamics(evidence: Evidence, run: ModelRun, *, feedback: bool = False) -> FloatArray:
-    """Return the columns (K, C) of other dynamics over the samples that the estimate should explain."""
-    return run.dynamics(evidence.known, evidence.dt, evidence.record.span, feedback=feedback)
 
 
 def answer(evidence: Evidence, run: ModelRun, signal: FloatArray, first: int = 0) -> Feedback:
@@ -195,28 +136,13 @@ class Reference:
         return 100.0 * (1.0 - left / made) if made > 0.0 else float("nan")
 
 
-def unexplained_by_reference(
-    evidence: Evidence, run: ModelRun, reference: Reference, known: FloatArray | None = None
-) -> Explained:
-    """Return what the states of a reference could explain, as part of the output power by the reference.
-
-    Columns ``known`` (K, N) are projected out; without them the estimate's degrees of freedom are subtracted.
-    """
-    rows = evidence.known
-    error = run.error[rows]
-    columns = reference.states[rows]
-    residual = residual_of(evidence, error, np.zeros((error.size, 0)) if known is None else known)
-    found = residual.explained(columns, evidence.coefficients if evidence.in_sample and known is None else 0)
-    return found.of_output(reference.output[rows], error, evidence.used[rows])
-
-
 @dataclass(frozen=True, eq=False)
 class Loop:
     """The result of the tests for a controller that closes a loop."""
 
-    feedback: Feedback  # how the input answers the residual
-    reference: Reference | None  # None if there is none, or it is unusable
-    findings: list[Finding]
+    feedback: Feedback = field(default_factory=Feedback)  # how the input answers the residual
+    reference: Reference | None = None  # None where there is none, or it is of no use
+    findings: tuple[Finding, ...] = ()
     is_direct: bool = False  # whether a direct path, or the recording, causes the answer at once, and no controller
 
     @property
@@ -248,4 +174,4 @@ class Loop:
             findings.append(Finding("inconsistent", AT_ONCE if feedback.is_at_once else COLOURED))
         elif feedback.found:
             findings.append(Finding("trusted", AT_ONCE if feedback.is_at_once else CLOSED))
-        return cls(feedback, reference, findings, is_direct)
+        return cls(feedback, reference, tuple(findings), is_direct)
