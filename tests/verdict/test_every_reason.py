@@ -303,7 +303,7 @@ PAIRS: dict[str, Pair] = {
         lambda: fit(HELD, turning(HELD, DT, 1.25, 0.8) + 0.01 * noise(1)),
         lambda: fit(HELD, out(HELD)),
     ),
-    "the plant changes as the record goes on: G differs from the model by x % at least": (
+    "the plant changes as the record goes on: G differs from the model by x % in the mean": (
         lambda: fit(U, out(U * (1.0 + 0.3 * np.sin(6.0 * np.pi * np.arange(SAMPLES) / SAMPLES)))),
         lambda: fit(U, out(U)),
     ),

@@ -132,6 +132,28 @@ def test_a_plant_whose_gain_goes_up_and_down_is_named(
     assert said(verdict, TIMES) or any("the plant" in reason and "change" in reason for reason in verdict.reasons)
 
 
+@every("seed", range(5), quick=1)
+def test_a_slow_swing_is_named_in_strong_noise_by_its_mean(seed: int) -> None:
+    """Few waves are needed for it: the columns of eight hide it in their own uncertainty."""
+    u = random_steps(SAMPLES, shortest=5, longest=30, low=-1.0, high=1.0, seed=seed)
+    swing = 1.0 + 0.3 * np.sin(3.0 * np.pi * np.arange(SAMPLES) / SAMPLES)
+    y = rp.TransferFunction([1.5], [1.0, 0.7, 1.2]).simulate(u * swing, DT)
+    verdict = offline(u, noisy(y, 0.4), 2)
+    assert verdict.status == "inconsistent", verdict.reasons
+    assert 0.5 * swing.std() < 0.01 * figure_of(verdict, TIMES) < 1.2 * swing.std()
+
+
+@every("seed", [9, 10, 11, 59], quick=2)
+def test_a_random_walk_round_an_integrator_is_no_fault(seed: int) -> None:
+    """An autoregression of order four leaves colour at the lowest frequencies: the columns of a drift take it."""
+    rng = np.random.default_rng(seed)
+    walk, r = np.cumsum(rng.standard_normal(SAMPLES)), np.repeat(rng.uniform(-1.0, 1.0, SAMPLES // 25), 25)
+    noise = 0.01 * walk + 0.05 * rng.standard_normal(SAMPLES)
+    u, y = closed_loop([1.0], [1.0, 0.0], (0.8, 0.0), DT, r, np.zeros(SAMPLES), noise)
+    verdict = rp.fit(u, y, DT, poles=1, reference=r).verdict
+    assert verdict.status != "inconsistent", verdict.reasons
+
+
 def test_small_differences_are_a_remark() -> None:
     u = random_steps(SAMPLES, shortest=10, longest=50, low=-1.0, high=1.0, seed=5)
     verdict = offline(u, noisy(turning(u, DT, 1.04, 0.96), 0.005), 1)

@@ -34,6 +34,9 @@ from replant.verdict.estimate_tests import Speeds
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.loop import Loop, Reference
 
+# each takes as many columns as G has coefficients
+WAVES = 8  # half periods within a record of the fastest drift, and change of G, that is told from noise [count]
+
 
 def power_of(evidence: Evidence, output: FloatArray) -> float:
     """Return the variance of an output (K,) over the used samples of ``evidence.known``; never zero."""
@@ -44,6 +47,11 @@ def residual_of(evidence: Evidence, error: FloatArray, known: FloatArray) -> Res
     """Return the residual of an error (K,) and known columns (K, N) over the samples of ``evidence.known``."""
     used = evidence.used[evidence.known]
     return Residual.of(error, known, evidence.past, used, unbroken=evidence.unbroken_of(evidence.known))
+
+
+def half_periods(part: FloatArray) -> FloatArray:
+    """Return cosines (K, WAVES) of one, two and more half periods in a record, of which a ``part`` (K,) has passed."""
+    return np.cos(np.pi * part[:, None] * np.arange(1, WAVES + 1))
 
 
 def dynamics(evidence: Evidence, run: ModelRun, *, feedback: bool = False) -> FloatArray:
@@ -105,7 +113,7 @@ class Acting:
             return cls(evidence, runs, loop, run.u, run.forced, run.zeta, run.forced if sensed is None else sensed)
         b = evidence.structure.numerator
         output = combined(run.instruments[:, b], evidence.estimate[b])
-        return cls(evidence, runs, loop, reference.input, output, run.instruments, output)
+        return cls(evidence, runs, loop, reference.input, output, run.instruments, output if sensed is None else sensed)
 
     @property
     def rows(self) -> slice:
@@ -154,8 +162,8 @@ class Acting:
     @cached_property
     def beyond_dynamics(self) -> Residual:
         """The residual, with other dynamics and a drift (or the rest of a subtracted one) projected out, too."""
-        drift = np.linspace(-1.0, 1.0, len(self.linear))[:, None]
-        return self.residual.knowing(np.hstack([self.linear, drift]))
+        part = (np.arange(len(self.linear)) + 0.5) / len(self.linear)
+        return self.residual.knowing(np.hstack([self.linear, half_periods(part)]))
 
     def unexplained(self, *known: FloatArray) -> Explained:
         """Return what other dynamics, or the reference, could explain beside columns (J, C), as part of the output."""

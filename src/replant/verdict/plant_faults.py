@@ -46,21 +46,18 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import ALPHA, NEGLIGIBLE
 from replant.numerics.linear_algebra import chi2_quantile, combined, roots
 from replant.numerics.score_test import Residual
-from replant.verdict.alternatives import Acting
-from replant.verdict.estimate_distance import LARGEST_ERROR, excited_frequencies, output_spectrum
+from replant.verdict.alternatives import WAVES, Acting, half_periods, power_of
+from replant.verdict.estimate_distance import LARGEST_ERROR, excited_frequencies
 from replant.verdict.estimate_tests import FARTHEST
 from replant.verdict.evidence import Evidence, rounding_of
 from replant.verdict.verdict import Finding, percent
 
 POWERS = (1, 2)  # powers of the operating point: odd for its sign, even for its distance from the mean [exponents]
 ENDS = (0.05, 0.95)  # quantiles of the operating point between which G is compared: 90 % of samples [quantiles]
-# each takes as many columns as G has coefficients
-WAVES = 8  # half periods within a record of the fastest change that is modelled [count]
-POINTS = 5  # times per half period of the fastest wave at which G is evaluated [count]
 
 LEVELS = "the plant acts otherwise at other levels: within those of the record G differs by {} at least"
 WAYS = "the plant acts otherwise on its way up than on its way down: G differs from the model by {} at least"
-TIMES = "the plant changes as the record goes on: G differs from the model by {} at least"
+TIMES = "the plant changes as the record goes on: G differs from the model by {} in the mean"
 
 
 def plant_findings(acting: Acting) -> list[Finding]:
@@ -165,15 +162,14 @@ class Path:
 
 @dataclass(frozen=True, eq=False)
 class Varying:
-    """A factor on which coefficients may depend; G is compared at some of its values, less their mean."""
+    """A factor on which coefficients may depend; G is compared at some of its values, or over the whole record."""
 
     reason: str
     advice: str
     factors: FloatArray  # (K, S)
-    at: FloatArray  # (P, S)
+    at: FloatArray | None = None  # (P, S): values less their mean; None for a slow change, compared in the mean square
     at_end: FloatArray | None = None  # (K, S): the factors just before each sample, if they jump there
     slope: float = 1.0  # factor on the changes by a_0 and b_0, see the top of the file
-    is_slow: bool = False
 
 
 class Dependence(NamedTuple):
@@ -183,7 +179,7 @@ class Dependence(NamedTuple):
     columns: FloatArray  # (J, C): tested columns
     error: FloatArray  # (J,): minus the effect of the columns, if significant
     residual: Residual  # whitened by the noise of this error
-    far: float = 0.0  # lower bound of the relative change of G; 0 if not significant
+    far: float = 0.0  # lower bound of the relative change of G, of a slow one in the mean; 0 if not significant
 
     @property
     def findings(self) -> list[Finding]:
@@ -198,29 +194,26 @@ class Dependence(NamedTuple):
 
 def _dependence(acting: Acting, path: Path, error: FloatArray, residual: Residual, on: Varying) -> Dependence | None:
     """Test the residual of an error (J,) for coefficients that depend on a factor; None of too few samples."""
-    chosen = np.ones(path.a.size + path.b.size + 1, bool)
-    chosen[path.a.size] = not on.is_slow  # for slow changes the column of a_n depends on the others
     both = zip(on.factors.T, on.factors.T if on.at_end is None else on.at_end.T, strict=True)
-    columns = np.hstack([path.changes(*each, slow=on.is_slow)[path.tested] for each in both])
+    columns = np.hstack([path.changes(*each, slow=on.at is None)[path.tested] for each in both])
     if residual.known.shape[1] + columns.shape[1] > error.size / PER_COEFFICIENT:
         return None
     found = residual.explained(columns)
-    # for changes in time this part of the output's power is the mean square of the change of G
-    if not (found.is_sure and found.power > (NEGLIGIBLE * acting.power if on.is_slow else 0.0)):
+    if not found.is_sure:
         return Dependence(on, columns, error, residual)
     effect = residual.left_of(columns, found.weights)
     error, residual = error - effect, residual.beside(error, effect)
     found = residual.explained(columns)
-    omega, shares = output_spectrum(acting.evidence) if on.is_slow else (excited_frequencies(acting.evidence), None)
-    changes = path.changes_of_response(omega)
+    if on.at is None:  # this part of the modelled output's power is the mean square of the change of G
+        part = max(found.power - found.std, 0.0) / power_of(acting.evidence, acting.output[acting.rows])
+        return Dependence(on, columns, error, residual, math.sqrt(part))
+    changes = path.changes_of_response(excited_frequencies(acting.evidence))
     changes[:, [0, path.a.size + 1]] *= on.slope
     # over the whole confidence region of the weights
     chance, far = math.sqrt(chi2_quantile(1.0 - ALPHA, found.roots.shape[1])), 0.0
     for each in on.at:
-        made = np.kron(each, changes[:, chosen])
+        made = np.kron(each, changes)
         size, doubt = np.abs(made @ found.weights), chance * np.linalg.norm(made @ found.roots, axis=1)
-        if shares is not None:  # with many columns G seems to differ at some frequency, by chance
-            size, doubt = np.sqrt(shares @ size**2), np.sqrt(shares @ doubt**2)
         far = max(far, float(np.max(size - doubt)))
     return Dependence(on, columns, error, residual, far)
 
@@ -268,11 +261,11 @@ def _of_time(acting: Acting, path: Path) -> Dependence | None:
         return None
     intervals = np.broadcast_to(path.record.intervals, path.states[:, 0].shape)
     part = np.cumsum(intervals) / float(intervals.sum())
-    factors = np.cos(np.pi * part[:, None] * np.arange(1, waves + 1))
-    visited = factors[path.tested]
-    at = visited[np.linspace(0, len(visited) - 1, POINTS * waves).astype(int)] - visited.mean(axis=0)
-    advice = "identify shorter parts by themselves, or forget old samples"
-    return _dependence(acting, path, acting.error, residual, Varying(TIMES, advice, factors, at, is_slow=True))
+    factors, advice = half_periods(part), "identify shorter parts by themselves, or forget old samples"
+    # one wave detects a step or a drift best; more of them are needed for a change there and back
+    changes = (Varying(TIMES, advice, factors[:, : 2**k]) for k in range(waves.bit_length()))
+    found = (_dependence(acting, path, acting.error, residual, each) for each in changes)
+    return max(filter(None, found), key=lambda each: each.far, default=None)
 
 
 def _of_friction(acting: Acting, path: Path) -> list[Finding]:
