@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from itertools import product
 from typing import Any
@@ -60,6 +61,37 @@ def test_of_a_residual_that_is_rounding_no_answer_is_sought(size: float, is_answ
     white = Autoregression.white(1.0, row.count)
     found = list(controlled(row, evaluate(row, TRUE, white), white))
     assert [each.reason.split()[1] for each in found] == ["u1"] * is_answered
+
+
+FAULTS: dict[str, tuple[dict[str, Any], str]] = {
+    "none": ({}, ""),
+    "limit": ({"act": lambda u, _: min(max(u, -1.0), 1.0)}, "the actuator seems to saturate"),
+    "dead zone": ({"act": lambda u, _: u - min(max(u, -0.3), 0.3)}, "the actuator seems to have a dead zone"),
+    "weaker": ({"act": lambda u, k: u if k < 1800 else 0.6 * u}, "the plant changes as the record goes on"),
+    "one-sided": ({"act": lambda u, _: u if u > 0.0 else 0.5 * u}, "another gain in the other direction"),
+    "one-sided sensor": ({"sense": lambda y: y if y > 0.0 else 0.5 * y}, "the sensor seems to have another gain"),
+}
+
+
+@every("fault", FAULTS, quick=3)
+def test_with_a_reference_faults_are_named_as_in_open_loop(fault: str) -> None:
+    """Each is found; another one may explain it better in one record of three."""
+    how, words = FAULTS[fault]
+    reasons = []
+    for seed in range(3):
+        u, y, r = looped(seed, snr=20.0, pole=0.8, **how)
+        verdict = rp.fit(u, y, DT, **ASKED, reference=r).verdict
+        assert verdict.status == ("inconsistent" if words else "trusted"), verdict.reasons
+        reasons.append(verdict.reasons[0])
+    assert sum(words in reason for reason in reasons) >= 2, reasons
+
+
+def test_with_a_reference_a_missing_dead_time_is_named() -> None:
+    u, y, r = looped(0, snr=20.0)
+    u[:-3, 0] = u[3:, 0].copy()
+    verdict = rp.fit(u[:-3], y[:-3], DT, **ASKED, reference=r[:-3]).verdict
+    assert verdict.status == "inconsistent"
+    assert re.search(r"input u1, beside the others: the input seems to act 0\.\d+ s later", verdict.reasons[0])
 
 
 @cache

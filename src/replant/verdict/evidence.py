@@ -88,6 +88,7 @@ class Evidence:
     left_out: int = 0  # outputs left out of estimate and verdict, as the sensor was stuck or at its limit
     input_zero: float = 0.0  # value of the record's input at which the actuator's is zero
     slowness: float = 1.0  # standard deviation of the estimate over that predicted by the residual's power and colour
+    input_unit: float = 1.0  # unit of the record's input, in the user's unit
     output_unit: float = 1.0  # unit of the record's output, in the user's unit
     measured: FloatArray | None = None  # (W,): the output as the sensor gave it; None if it is the record's
     bridged: BoolArray | None = None  # (W,): samples not tested, as their doubtful output was replaced by the model's
@@ -114,6 +115,7 @@ class Evidence:
             largest_power=self.largest_power / of_input / of_input,
             input_zero=self.input_zero / of_input,
             usual_power=self.usual_power / of_output / of_output,
+            input_unit=self.input_unit * of_input,
             output_unit=self.output_unit * of_output,
             measured=None if self.measured is None else self.measured / of_output,
         )

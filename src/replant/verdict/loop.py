@@ -87,7 +87,7 @@ class Reference:
     states: FloatArray  # (K, 12): Laguerre functions of the reference, means subtracted
     input: FloatArray  # (K,): u_r, the part of the input that they explain, its mean subtracted
     output: FloatArray  # (K,): y_r, the same of the output
-    strength: float  # statistic of the part of the input that they explain, over its limit
+    strength: float = math.inf  # statistic of the part of the input that they explain, over its limit
 
     @classmethod
     def of(cls, evidence: Evidence) -> tuple[Reference | None, list[Finding]]:

@@ -3,6 +3,9 @@
 The modelled outputs of the other inputs are subtracted from the output, y_i = y - sum of x_j, and their slopes join the
 offset and the initial states as nuisances.  A fault of input i, or of the plant behind it, is then found as for a plant
 with one input, see `input_faults` and `plant_faults`.
+
+If references move inputs, modelled outputs and slopes are those by the signals from outside, which do not depend on the
+noise: each input is then tested as one input with a reference.
 """
 
 from __future__ import annotations
@@ -20,8 +23,8 @@ from replant.verdict.alternatives import Acting
 from replant.verdict.assess import MOST_IRREGULAR, MOST_SAMPLES
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.held_output import held_output_findings
-from replant.verdict.input_faults import bends_of, hold_findings, rhythm_findings, surest_of
-from replant.verdict.loop import Loop
+from replant.verdict.input_faults import bends_of, dead_time_findings, hold_findings, rhythm_findings, surest_of
+from replant.verdict.loop import Loop, Reference
 from replant.verdict.plant_faults import plant_findings
 from replant.verdict.verdict import Finding
 
@@ -43,8 +46,8 @@ def seen_by_each(row: Row, point: Point, covariance: FloatArray) -> list[Seen]:
     """Return the row reduced to each input that moves, over the stretch with the most measured outputs."""
     if not row.stretches:
         return []
-    longest = int(np.argmax([np.count_nonzero(each.measured) for each in row.stretches]))
-    found = (_seen_by(row, point, covariance, number, longest) for number in range(len(row.names)))
+    longest, driven = int(np.argmax([np.count_nonzero(each.measured) for each in row.stretches])), row.from_outside
+    found = (_seen_by(row, driven, point, covariance, number, longest) for number in range(len(row.names)))
     return [each for each in found if each is not None]
 
 
@@ -65,19 +68,31 @@ def faults_of_row(seen: Sequence[Seen]) -> Iterator[Finding]:
     for each, bend in zip(seen, actuators, strict=True):
         acting = each.acting
         found = [
-            *hold_findings(acting.evidence, acting.runs),
+            *_of_timing(acting),
             *([] if bend is None or of_sensor else bend.findings),
-            *rhythm_findings(acting, acting.unexplained()),
             *plant_findings(acting),
         ]
         yield from (Finding(one.status, f"{each.subject}: {one.reason}") for one in found)
 
 
-def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which: int) -> Seen | None:
-    """Return a stretch reduced to an input; None if the input does not move, or the stretch is too short."""
+def _of_timing(acting: Acting) -> list[Finding]:
+    """Return findings on the hold and a disturbance's rhythm or, with a reference, on the dead time of the input."""
+    part = acting.unexplained()
+    if acting.loop.is_closed:
+        return dead_time_findings(acting, part)
+    return [*hold_findings(acting.evidence, acting.runs), *rhythm_findings(acting, part)]
+
+
+def _seen_by(row: Row, driven: Row, point: Point, covariance: FloatArray, number: int, which: int) -> Seen | None:
+    """Return a stretch reduced to an input; None if the input does not move, or the stretch is too short.
+
+    ``driven`` is the row driven by the signals from outside alone, whose outputs and slopes are free of the noise.
+    """
     stretch, nuisances, places = row.stretches[which], point.nuisances[which], row.places[number]
     outputs, slopes, free = row.signals(point.theta, stretch, nuisances[1:])
     left = stretch.y - np.delete(outputs, number, axis=1).sum(axis=1)
+    if row.outside is not None:
+        outputs, slopes, _ = driven.signals(point.theta, driven.stretches[which], nuisances[1:])
     whole = replace(
         row.record.part(stretch.rows),
         u=stretch.inputs[number].u,
@@ -109,7 +124,16 @@ def _seen_by(row: Row, point: Point, covariance: FloatArray, number: int, which:
         return None
     error = point.residual[which][rows] / evidence.output_unit
     run = replace(run, error=error, nuisances=np.hstack([free, np.delete(slopes, places, axis=1)])[rows])
-    runs = Runs(run, run, error - error.mean(), float(np.var(evidence.record.y)))
     sensed = outputs.sum(axis=1)[rows] / evidence.output_unit
-    acting = Acting.of(evidence, runs, Loop(), sensed)
+    reference = None
+    if row.outside is not None:
+        u = driven.stretches[which].inputs[number].u[rows] / evidence.input_unit
+        made = run_model(evidence.structure, evidence.estimate, replace(evidence.record, u=u, before=None), row.dt)
+        if made is None:
+            return None
+        run = replace(run, instruments=made.zeta)
+        functions = row.outside.functions(stretch.rows)[rows]
+        reference = Reference(functions - functions.mean(axis=0), u - u.mean(), made.forced - made.forced.mean())
+    runs = Runs(run, run, error - error.mean(), float(np.var(evidence.record.y)))
+    acting = Acting.of(evidence, runs, Loop(reference=reference), sensed)
     return Seen(row.names[number], acting, len(row.names) == 1)

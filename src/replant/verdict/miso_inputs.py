@@ -103,7 +103,7 @@ def _direct(row: Row, point: Point, noise: Autoregression, number: int) -> Itera
 
 def timing(row: Row, point: Point) -> Iterator[Finding]:
     """Yield findings on inputs with another dead time, if that changes the coefficients."""
-    # in feedback later inputs answer the noise; references would need a test by the past alone
+    # in feedback later inputs answer the noise: see `miso_evidence`
     if row.outside is not None or is_rounding(row, point):
         return
     yield from _early(row, point)

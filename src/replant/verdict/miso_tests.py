@@ -60,7 +60,7 @@ def judged(
     findings = [*_copied(row), *untold(row, record, point, covariance)]
     if not findings:
         findings += _useless(row, point, noise, covariance)
-        seen = seen_by_each(row, point, covariance) if row.outside is None else []  # in feedback inputs answer noise
+        seen = seen_by_each(row, point, covariance)
         held = faults_of_output(seen)
         named = [] if is_named or findings else list(faults_of_row(seen))
         others, is_named = [*held, *named, *others], is_named or any(_is_fault(each) for each in [*held, *named])

@@ -90,6 +90,11 @@ class Outside:
                 explained[:, i] += window * combined(functions, weights_of(functions[rest], each[rest]))
         return cls(with_moved(inputs, is_moved, explained), signals, is_moved, replace(law, states=states))
 
+    def functions(self, rows: slice) -> FloatArray:
+        """Return the Laguerre functions of the signals over some rows (K, S L), at rest before the first."""
+        law = replace(self.law, states=np.zeros_like(self.law.states))
+        return law.functions(self.signals[rows])[0]
+
     def of_inputs(self, chosen: list[int]) -> Outside:
         """Return what is explained of some of the inputs."""
         return replace(self, inputs=self.inputs[:, chosen], is_moved=self.is_moved[chosen])
