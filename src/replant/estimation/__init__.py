@@ -1,1 +1,1 @@
-"""Estimation: record in, estimate out: filters, optimizers, the kernels' state, simulation, the record solver."""
+"""Estimation from a record: filters, optimizers, the state of the kernels, simulation, the record solver."""

@@ -1,1 +1,1 @@
-"""Simulation: a model run over a record, its offset and initial state fitted, and its fit in percent."""
+"""Simulation: the run of a model over a record, with fitted offset and initial state, and its fit in percent."""

@@ -1,9 +1,9 @@
-r"""A model run over a record on any clock, with the regressors and instruments that its own denominator filters.
+r"""The run of a model over a record on any clock, with regressors and instruments filtered by its own denominator.
 
 For a model B/A the compiled chain gives, sample by sample, the regressor :math:`\varphi` of :math:`s^n/D\, y =
-\varphi^T \theta`, the instruments :math:`\zeta` (the same regressor built from the model's own output, or from what a
-reference explains of input and output) and the predicted output.  D is A, or where that is not stable A with its poles
-reflected.  Where D = A the predicted output is B/A u, exact for the hold over every interval, so that the clock may be
+\varphi^T \theta`, the instruments :math:`\zeta` (the same regressor built from the model's own output, or from the
+parts of input and output that a reference explains) and the predicted output.  D is A, or A with its unstable poles
+reflected.  If D = A, the predicted output is B/A u, exact for the hold over every interval, so that the clock may be
 irregular.
 """
 
@@ -28,18 +28,18 @@ from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.linear_algebra import combined, sum_of_squares
 from replant.numerics.projections import amounts_of, without
 
-SLOWEST = 0.01  # least distance of a filter's pole from the axis: within a hundredth an integrator [1 / duration]
+SLOWEST = 0.01  # least distance of a filter's pole from the axis: to a hundredth an integrator [1 / duration]
 
 SLOWEST_BY_REFERENCE = 5.0
-"""The same of a record with a reference [1 / duration of the record].
-Origin: what the reference explains of the input is off by the noise; a filter near an integrator adds that up, and in
-time instruments are made of little else. Of 8 records of a double integrator under a controller the 95 % interval of b0
-held the truth in 1 at 0.01, in 2 at 1, in all at 5 and 20, where that of a0 becomes four times as wide.
+"""Least distance of a filter's pole from the axis, of a record with a reference [1 / duration of the record].
+Origin: the part of the input that the reference explains has an error by the noise; a filter near an integrator
+accumulates it, until it dominates the instruments. In 8 records of a double integrator with a controller the 95 %
+interval of b0 contained the truth in 1 at 0.01, in 2 at 1, in all at 5 and 20; at 20 that of a0 is four times as wide.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-PREDICTED = 2  # times that missing outputs are predicted, beside guesses first, then beside predictions [count]
-NOTHING = np.zeros((0, 2))  # explained by a reference where there is none
+PREDICTED = 2  # times that missing outputs are predicted: from the record's guesses, then from predictions [count]
+NOTHING = np.zeros((0, 2))  # the explained parts without a reference
 
 
 def stability_margin(record: Record) -> float:
@@ -56,8 +56,8 @@ class Pass:
     target: FloatArray  # (K,): s^n/A y
     output: FloatArray  # (K,): predicted, offset and initial state included: B/A u, or one step ahead if not stable
     error: FloatArray  # (K,): the residual e = A/D y - B/D u, offset and initial state included
-    # (K,): measured minus predicted output: e where D = A.  Else e over the part that its newest output has in it,
-    # which a fast reflected pole, discretised, makes small: e is then small whatever the model is, and this is not
+    # (K,): measured minus predicted output: e if D = A.  Else e over the weight of the newest output in it, which is
+    # small with a fast reflected pole: e is then small for any model, and this is not
     ahead: FloatArray
 
     def since(self, sample: int) -> Pass:
@@ -65,13 +65,13 @@ class Pass:
         return self if sample == 0 else Pass(*(signal[sample:] for signal in self.signals))
 
     def of(self, measured: BoolArray) -> Pass:
-        """Return the pass with zero rows where no output was measured: they say nothing."""
+        """Return the pass with zero rows where no output was measured."""
         phi, zeta, target, output, error, ahead = self.signals
         rows = measured[:, None]
         return Pass(phi * rows, zeta * rows, target * measured, output, error * measured, ahead * measured)
 
     def without(self, columns: FloatArray) -> Pass:
-        """Return the pass less what columns (K, P) explain of its signals; all of it where these leave float64."""
+        """Return the pass with columns (K, P) projected out of its signals; unchanged if any is not finite."""
         signals = np.column_stack([self.phi, self.zeta, self.target, self.error, self.ahead])
         if not (np.isfinite(signals).all() and np.isfinite(columns).all()):
             return self
@@ -81,7 +81,7 @@ class Pass:
 
     @property
     def signals(self) -> tuple[FloatArray, ...]:
-        """All of them, in their order."""
+        """All signals, in the order of the fields."""
         return self.phi, self.zeta, self.target, self.output, self.error, self.ahead
 
     @property
@@ -91,13 +91,13 @@ class Pass:
 
     @cached_property
     def cost(self) -> float:
-        """Mean square of measured minus predicted output; infinite where that leaves float64."""
+        """Mean square of measured minus predicted output; infinite if that is not finite."""
         with np.errstate(over="ignore", invalid="ignore"):
             cost = sum_of_squares(self.ahead) / self.ahead.size
         return cost if math.isfinite(cost) else math.inf
 
 
-@lru_cache(maxsize=16)  # a solution asks ten times for the same, and to lay them out takes as long as three passes
+@lru_cache(maxsize=16)  # a solution builds the same state ten times, and each takes as long as three passes
 def _state_of(structure: Structure, dt: float, input_hold: str, *, reference: bool) -> State:
     return State.build(structure, dt, RefinedFilter(input_hold), reference=reference)
 
@@ -114,27 +114,27 @@ class AuxiliaryModel:
 
     @property
     def entries(self) -> int:
-        """How many entries a model has, T."""
+        """The number of entries of a model, T."""
         return self._state.entries
 
     @property
     def arrays(self) -> tuple[np.ndarray[Any, Any], ...]:
-        """Its state."""
+        """The arrays of its state."""
         return self._state.arrays
 
     def copy(self) -> AuxiliaryModel:
-        """Return a model in the same state, which goes on by itself."""
+        """Return an independent copy in the same state."""
         twin = copy.copy(self)
         twin._state = self._state.copy()
         return twin
 
     def run(self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None) -> Pass:
-        """Run a model over a record from rest, each part anew; rows that answer to inputs before it are zero."""
+        """Run a model over a record from rest, each part anew; rows that depend on earlier inputs are zero."""
         parts = record.parts
         if len(parts) > 1:
             explained = [None if by_reference is None else by_reference[rows] for rows in parts]
             runs = [self.run(theta, record.part(rows), of_it) for rows, of_it in zip(parts, explained, strict=True)]
-            # an offset of its own takes the constant's column, too, where that is no parameter
+            # its own offset also takes the column of the constant, unless that is a parameter
             most = self._order + (not self._bias)
             return _of_parts(runs, [most if rows.start in record.begins else self._order for rows in parts], most)
         if by_reference is None:
@@ -144,12 +144,12 @@ class AuxiliaryModel:
         return self._run(theta, record, by_reference)
 
     def _run_filled(self, theta: FloatArray, record: Record, by_reference: FloatArray) -> Pass:
-        """Run a model over a record, its own output in the place of what was not measured; such rows are zero."""
+        """Run a model over a record with its own output in place of missing ones, whose rows are zero."""
         assert record.measured is not None
         known, filled = record.measured, record.y
         done = self._run(theta, replace(record, y=filled), by_reference)
         for _ in range(PREDICTED if self._state.serves_reflected else 1):
-            # offset and initial state as the measured outputs ask for them: theta may not have them yet
+            # offset and initial state are fitted to the measured outputs: theta may not have them yet
             nuisances, away = done.phi[:, -self._order - 1 :], record.y - done.output
             weights = amounts_of(nuisances[known], away[known])
             filled = np.where(known, record.y, done.output + combined(nuisances, weights))
@@ -174,7 +174,7 @@ class AuxiliaryModel:
         self._state.started = False
 
     def go_on(self, theta: FloatArray, record: Record, by_reference: FloatArray = NOTHING) -> Pass:
-        """Run a model over samples from where its last run ended."""
+        """Run a model over further samples, from the end of its last run."""
         from replant.kernels.step.stages import regressors
 
         state, size, samples = self._state, self.entries, record.u.size
@@ -192,7 +192,7 @@ class AuxiliaryModel:
         self, theta: FloatArray, record: Record, *, constant: bool = False, rows: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
         """Return instruments (K, T), output (K,) of a record without a gap, from rest; 0 where earlier inputs act."""
-        # written to ``rows`` (K, T or more), if given; the column of the constant is zero unless asked for
+        # written to ``rows`` (K, T or more), if given; the column of the constant is zero unless ``constant``
         self.begin(theta)
         rows, output = self.branch_on(record, constant=constant, rows=rows)
         unknown = record.unknown(self._delay)
@@ -204,7 +204,7 @@ class AuxiliaryModel:
     def branch_on(
         self, record: Record, *, constant: bool = False, rows: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the same from where the last run ended."""
+        """Return the same, from the end of the last run."""
         from replant.kernels.step.branch import branch
 
         output = np.empty(record.u.size)
@@ -214,7 +214,7 @@ class AuxiliaryModel:
 
 
 class Branches:
-    """Runs B_i/A_i over the inputs of a record, from rest, and on from where that ended."""
+    """Runs B_i/A_i over the inputs of a record, from rest, or from the end of the last run."""
 
     def __init__(self, structures: tuple[Structure, ...], dt: float, input_hold: str = "zoh") -> None:
         self.structures = structures
@@ -227,7 +227,7 @@ class Branches:
         return [states[rows] for rows in self._states]
 
     def copy(self) -> Branches:
-        """Return branches in the same state, which go on by themselves."""
+        """Return an independent copy in the same state."""
         twin = copy.copy(self)
         twin.models = [each.copy() for each in self.models]
         return twin
@@ -239,7 +239,7 @@ class Branches:
 
     @property
     def are_sound(self) -> bool:
-        """Whether what serves as an index is within the arrays of a state that was read."""
+        """Whether the indices in a state that was read lie within its arrays."""
         from replant.kernels.filters.bank import KEPT, NEXT
 
         kept = np.concatenate([each["banks"][:, NEXT] for each in self.arrays])
@@ -248,7 +248,7 @@ class Branches:
     def run(
         self, coefficients: Sequence[FloatArray], states: FloatArray, records: Sequence[Record], *, on: bool = False
     ) -> tuple[list[FloatArray], list[FloatArray], list[FloatArray]]:
-        """Return of each branch the output (K,) with that of its initial state, the slopes and the responses."""
+        """Return for each branch the output (K,) including its initial state's, the slopes and the free responses."""
         outputs, slopes, free = [], [], []
         for model, structure, theta, record in self._each(coefficients, states, records):
             rows, output = model.branch_on(record) if on else model.branch(theta, record)
@@ -258,14 +258,14 @@ class Branches:
         return outputs, slopes, free
 
     def begin(self, coefficients: Sequence[FloatArray], states: FloatArray) -> None:
-        """Come to rest, so that a run goes on as one from rest."""
+        """Put the branches at rest, so that a run with ``on`` begins at rest."""
         for model, _, theta, _ in self._each(coefficients, states, self.structures):
             model.begin(theta)
 
     def _each(
         self, coefficients: Sequence[FloatArray], states: FloatArray, given: Sequence[Any]
     ) -> Iterator[tuple[Any, ...]]:
-        """Yield of each branch model, structure, entries of the model, and what is given for it."""
+        """Yield for each branch its model, structure, entries of the model, and its item of ``given``."""
         parts = zip(coefficients, self.of_each(states), strict=True)
         entries = [np.concatenate([theta, [0.0], state]) for theta, state in parts]
         return zip(self.models, self.structures, entries, given, strict=True)
@@ -274,9 +274,9 @@ class Branches:
 def _of_parts(runs: list[Pass], nuisances: list[int], most: int) -> Pass:
     """Return the passes over the parts of a record as one.
 
-    Behind a gap the initial state is unknown once more, in another record the offset is, too.  Those of the first part
-    that tells them are entries of the model; what the others, the last ``nuisances`` columns of ``phi`` of each,
-    explain is taken off all signals, which is what estimating them beside the entries comes to.
+    After a gap the initial state is unknown again, in another record also the offset.  Those of the first part that
+    determines them are entries of the model.  Those of the other parts, the last ``nuisances`` columns of each ``phi``,
+    are projected out of all signals, which is equivalent to estimating them together with the entries.
     """
     own = next((i for i, run in enumerate(runs) if int(run.phi[:, -most:].any(axis=1).sum()) > most), 0)
     # a part before that one may be of another record: its offset is unknown as well as its initial state
@@ -286,7 +286,7 @@ def _of_parts(runs: list[Pass], nuisances: list[int], most: int) -> Pass:
 
 
 def _without_last(run: Pass, count: int) -> Pass:
-    """Return a pass less what the last ``count`` columns of its regressors explain."""
+    """Return a pass with the last ``count`` columns of its regressors projected out, and then zero."""
     columns, states = run.phi.shape[1] - count, run.phi[:, -count:]
     left = replace(run, phi=run.phi[:, :columns], zeta=run.zeta[:, :columns]).without(states)
     none = np.zeros_like(states)

@@ -1,8 +1,8 @@
 r"""The run of a model over a record, from the input alone, offset and initial state fitted; its fit, batch by batch.
 
-Behind a gap of an irregular clock the run begins anew.  What the input did meanwhile is not known, and so the state is
-not, as at the beginning of the record; the offset is that of the whole record.  Of the samples a small triangle is
-kept, R of the QR decomposition of the nuisances beside what is left.
+After a gap of an irregular clock the run begins anew: the input during the gap, and so the state, is unknown, as at the
+beginning of the record; the offset is that of the whole record.  The fit needs only a small triangle of the samples, R
+of the QR decomposition of nuisances and residual.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from replant.numerics.linear_algebra import combined, quiet, sum_of_squares
 from replant.numerics.projections import amounts_of, lengths_of
 from replant.numerics.robust import last_known
 
-FEWEST = 4  # outputs for each unknown of its state that a part behind a gap needs, else the state takes it up [count]
+FEWEST = 4  # outputs per unknown state that a part after a gap needs, else the state would fit them all [count]
 RANK_TOLERANCE = 1e-12  # singular value of scaled nuisances that counts as zero: rounding [part of the largest]
 ROWS = 1 << 10  # samples taken into a triangle together: few enough for a cache and for one thread [samples]
 FITTED = 1 << 18  # samples of the first batch of a record, over which the initial state is fitted [samples]
@@ -36,11 +36,11 @@ class Simulation:
     output: FloatArray  # (K,): with the estimated offset and initial state
     offset: float  # estimated constant between measured and simulated output, in the unit of y
     fit: float  # in percent over the finite samples
-    is_prediction: bool = False  # whether it is predicted one step ahead, as of an unstable model, which would run away
+    is_prediction: bool = False  # whether it is predicted one step ahead, as an unstable model would run away
 
     @property
     def how(self) -> str:
-        """In words what the output is made from."""
+        """How the output was made, in words."""
         return "predicted from input and past output" if self.is_prediction else "simulated from the input alone"
 
 
@@ -76,7 +76,7 @@ def simulate(
     model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, *, input_hold: str = "zoh",
     t: FloatArray | None = None, begins: Sequence[int] = (),
 ) -> Simulation:  # fmt: skip
-    """Run a model from the input alone, offset and initial state fitted to ``y``, others since ``begins``."""
+    """Run a model from the input alone, offset and initial state fitted to ``y``, new ones at ``begins``."""
     run = FittedRun(model, dt, input_hold, begins)
     output, known = run.take(u, y, t)
     if not (np.isfinite(output).all() and np.isfinite(known).any()):
@@ -85,24 +85,24 @@ def simulate(
 
 
 class Part(NamedTuple):
-    """A stretch between two gaps, or what there is of it in a batch."""
+    """A stretch between two gaps, or the part of it in a batch."""
 
-    stretch: Stretch  # what the model gives from rest, and by its state
-    known: FloatArray  # (K,): the measured output; NaN where it says nothing
-    begins: bool  # whether the stretch begins here; else it goes on from the last batch
+    stretch: Stretch  # the response of the model from rest, and to its states
+    known: FloatArray  # (K,): the measured output; NaN where it is not used
+    begins: bool  # whether the stretch begins here; else it continues from the last batch
 
     @property
     def triangle(self) -> FloatArray:
-        """Of the responses to a unit of each state, ones, and what the run from rest leaves; see `triangle_of`."""
+        """The triangle of responses to unit states, ones, and the residual of the run from rest; see `triangle_of`."""
         free, left = self.stretch.free, self.known - self.stretch.output
         alive = len(free)
-        free = np.where(np.isfinite(free).all(axis=0), free, 0.0)  # the weight of one that leaves float64 is zero
+        free = np.where(np.isfinite(free).all(axis=0), free, 0.0)  # one that is not finite gets the weight zero
         triangle = triangle_of(free, np.ones(alive), left[:alive])
         rest = left[alive:][np.isfinite(left[alive:])]
         if not rest.size:
             return triangle
         root = math.sqrt(rest.size)
-        row = np.zeros(free.shape[1] + 2)  # of samples where no state is felt the mean says all
+        row = np.zeros(free.shape[1] + 2)  # for samples without effect of a state the mean suffices
         row[-2:] = root, float(rest.sum()) / root
         return np.vstack([triangle, row])
 
@@ -112,12 +112,12 @@ class Part(NamedTuple):
         output = self.stretch.output + offset
         output[: len(free)] += combined(free[:, used], state[used])
         unknown = self.stretch.unknown
-        output[:unknown] = output[min(unknown, output.size - 1)]  # what answers to unknown inputs stands still
+        output[:unknown] = output[min(unknown, output.size - 1)]  # constant where it depends on unknown inputs
         return output
 
 
 class FittedRun:
-    """Runs a model over a record batch by batch, the offset fitted to the first, a state to the rest of its batch.
+    """Runs a model over a record batch by batch; the offset is fitted to the first batch, a state to each new part.
 
     At ``begins``, samples of the first batch, the run begins anew: with another load, or another record.
     """
@@ -173,14 +173,14 @@ class FittedRun:
         return np.concatenate(outputs), np.concatenate(known)
 
     def _gaps(self, told: BoolArray, t: FloatArray | None) -> tuple[list[int], BoolArray]:
-        """Return the samples of a batch behind gaps of its clock, or of inputs (K,) not ``told``; and those within."""
+        """Return the samples after gaps of the clock, or of inputs (K,) not ``told``; and which lie within gaps."""
         begun = t[0] - self._dt if t is not None else 0.0 if math.isnan(self._last) else self._last
         clock = begun + self._dt * np.arange(1, told.size + 1) if t is None else t
         rows, before = np.flatnonzero(told), begun if math.isnan(self._told) else self._told
         newest = np.maximum.accumulate(np.where(told, clock, before))  # time of the last input
         self._last, self._told = float(clock[-1]), float(newest[-1])
         intervals = np.diff(clock[rows], prepend=before)
-        # the interval of the first sample is looked at, too
+        # also the interval of the first sample
         gaps = rows[gaps_of(np.append(self._dt, intervals), self._dt) - 1]
         return gaps.tolist(), clock - newest > (GAP - 1.0) * self._dt
 
@@ -200,7 +200,7 @@ class FittedRun:
 
 @quiet
 def triangle_of(*columns: FloatArray) -> FloatArray:
-    """Return R (at most C, C) of columns side by side, each (K,) or (K, c), C together, without rows with a NaN."""
+    """Return R (at most C, C) of joined columns, each (K,) or (K, c), C in all, without rows with a NaN."""
     triangle = np.zeros((0, sum(each.shape[1] if each.ndim > 1 else 1 for each in columns)))
     for begin in range(0, len(columns[0]), ROWS):
         block = np.column_stack([each[begin : begin + ROWS] for each in columns])
@@ -212,14 +212,14 @@ def triangle_of(*columns: FloatArray) -> FloatArray:
 
 @quiet
 def weights_of(triangle: FloatArray) -> FloatArray:
-    """Return the weights (C - 1,) of a triangle's columns, the shortest that explain its last; zeros if none do."""
-    # the columns are scaled: the sizes of a response that dies out and of one that grows differ by many decades
+    """Return the least-norm weights (C - 1,) of a triangle's columns that fit its last one; zeros if none do."""
+    # the columns are scaled: the sizes of a decaying and of a growing response differ by many decades
     return amounts_of(triangle[:, :-1], triangle[:, -1], RANK_TOLERANCE)
 
 
 @quiet
 def common_offset(triangles: Sequence[FloatArray]) -> float:
-    """Return the offset that, beside a state of each part, explains what is left; 0 where the states alone do."""
+    """Return the offset fitted together with a state of each part; 0 if the states explain it."""
     size = power = product = 0.0
     for triangle in triangles:
         own, rest = triangle[:, :-2], triangle[:, -2:]
@@ -227,7 +227,7 @@ def common_offset(triangles: Sequence[FloatArray]) -> float:
             continue
         left, values, _ = np.linalg.svd(own / lengths_of(own), full_matrices=False)
         basis = left[:, values > RANK_TOLERANCE * values.max(initial=0.0)]
-        for _ in range(2):  # once more, for what rounding left
+        for _ in range(2):  # twice, to remove rounding
             rest = rest - basis @ (basis.T @ rest)
         size += float(triangle[:, -2] @ triangle[:, -2])
         power, product = power + float(rest[:, 0] @ rest[:, 0]), product + float(rest[:, 0] @ rest[:, 1])

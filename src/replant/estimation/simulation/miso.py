@@ -1,10 +1,10 @@
-"""A row of transfer functions over a record: outputs, slopes, and what offset and initial states explain.
+"""A row of transfer functions over a record: outputs, slopes, offset and initial states.
 
 With x_i = B_i/A_i u_i the slopes are dx_i/da_k = -s^k/A_i x_i and dx_i/db_k = s^k/A_i u_i, exact for a held input.
-All branches share one error e = y - sum_i x_i.  Slopes and error are whitened by an autoregression D and freed, part by
-part, of what offset and initial states explain.
+All branches share one error e = y - sum_i x_i.  Slopes and error are whitened by an autoregression D; offset and
+initial states are projected out of them, part by part.
 
-The instruments zeta are the slopes themselves, or, where references move inputs, those of what comes from outside.
+The instruments zeta are the slopes themselves or, if references move inputs, the slopes with the external signals.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Stretch:
     rows: slice  # of the whole record
     inputs: tuple[Record, ...]  # one per input, whose outputs are zero
     y: FloatArray  # (K,): zero where not measured
-    measured: BoolArray  # (K,): which outputs were measured, and answer to inputs of the stretch
+    measured: BoolArray  # (K,): which outputs were measured, and depend on inputs of the stretch alone
     known: IntArray  # (K,): predecessors of each, see `Record.predecessors`
-    outside: tuple[Record, ...] | None  # what comes from outside of each input, where references move some
+    outside: tuple[Record, ...] | None  # the external part of each input, if references move some
 
 
 class Row:
@@ -58,15 +58,15 @@ class Row:
         self.names = names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
         self.dt = float(np.median(record.intervals[-(record.intervals.size // 2 + 1) :]))
         self._models = Branches(structures, self.dt, record.input_hold)
-        self._twins = self._models.copy() if outside is not None else None  # they run what comes from outside
+        self._twins = self._models.copy() if outside is not None else None  # they run the external parts
         self._shared = AuxiliaryModel(replace(structures[0], zeros=structures[0].poles - 1, delay=0.0), self.dt)
         self.nuisances = 1 + sum(each.poles for each in structures)
         self.stretches = tuple(self._stretches())
-        self.places = places_of(structures)  # of the coefficients of each branch, of denominators of their own
+        self.places = places_of(structures)  # of the coefficients of each branch, each with its own denominator
 
     @classmethod
     def of_one(cls, structure: Structure, record: Record) -> Row:
-        """Return the row of one input, the record's."""
+        """Return the row of one input, that of the record."""
         return cls((replace(structure, bias=False),), record, record.u[:, None])
 
     def _stretches(self) -> Iterator[Stretch]:
@@ -88,7 +88,7 @@ class Row:
         return Row(structures, self.record, self.inputs[:, chosen], names, outside)
 
     def over(self, record: Record, inputs: FloatArray | None = None) -> Row:
-        """Return the row over another record, where all inputs come from outside; of the same inputs, or of others."""
+        """Return the row over another record, without references; of the same inputs, or of others."""
         return Row(self.structures, record, self.inputs if inputs is None else inputs, self.names)
 
     def part(self, rows: slice) -> Row:
@@ -106,12 +106,12 @@ class Row:
 
     @property
     def from_outside(self) -> Row:
-        """The row driven by what comes from outside of its inputs alone: this one where no reference moves one."""
+        """The row driven by the external parts of its inputs alone: this one if no reference moves one."""
         return self if self.outside is None else self.over(self.record, self.outside.inputs)
 
     @property
     def count(self) -> int:
-        """How many outputs tell something."""
+        """The number of outputs that are used."""
         return sum(int(each.measured.sum()) for each in self.stretches)
 
     def branches(self, theta: FloatArray) -> list[FloatArray]:
@@ -146,18 +146,18 @@ class Row:
         return np.column_stack(outputs), np.hstack(slopes), np.hstack([np.ones((stretch.y.size, 1)), *free])
 
     def instruments(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> FloatArray | None:
-        """Return the slopes (K, P) of what comes from outside, of the same initial states; None where all inputs do."""
+        """Return the slopes (K, P) with the external parts, and the same initial states; None if all are external."""
         if self._twins is None or stretch.outside is None:
             return None
         return np.hstack(self._twins.run(self.branches(theta), states, stretch.outside)[1])
 
     def ended(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> Branches:
-        """Return the branches of a model as they are at the end of a stretch."""
+        """Return the branches of a model in their states at the end of a stretch."""
         self._models.run(self.branches(theta), states, stretch.inputs)
         return self._models.copy()
 
     def ended_outside(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> Branches | None:
-        """Return those of the instruments likewise."""
+        """Return the same for the instruments; None if all inputs are external."""
         made = self.instruments(theta, stretch, states)
         return None if made is None or self._twins is None else self._twins.copy()
 
@@ -168,7 +168,7 @@ class Row:
         return np.asarray(np.where(rows, white, 0.0))
 
     def filtered(self, theta: FloatArray, stretch: Stretch, error: FloatArray) -> FloatArray:
-        """Return s^k/A e (K, n), k = n - 1 .. 0, of the common denominator: what is added to a model's slopes."""
+        """Return s^k/A e (K, n), k = n - 1 .. 0, of the common denominator: it is subtracted from a model's slopes."""
         poles = self.structures[0].poles
         model = np.concatenate([theta[:poles], np.zeros(2 * poles + 1)])
         return self._shared.run(model, replace(stretch.inputs[0], u=error)).zeta[:, poles : 2 * poles]
@@ -176,12 +176,12 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A model of a row and what it leaves, stretch by stretch; zero where nothing was measured."""
+    """A model of a row and its residual, stretch by stretch; zero where nothing was measured."""
 
     theta: FloatArray  # (P,)
-    error: list[FloatArray]  # (K,) each: whitened, free of offset and initial states
+    error: list[FloatArray]  # (K,) each: whitened, offset and initial states projected out
     phi: list[FloatArray]  # (K, P) each: the same of the slopes
-    zeta: list[FloatArray]  # (K, P) each: the same of the instruments; ``phi`` where all inputs come from outside
+    zeta: list[FloatArray]  # (K, P) each: the same of the instruments; ``phi`` if all inputs are external
     residual: list[FloatArray]  # (K,) each: not whitened
     nuisances: list[FloatArray]  # (N,) each: offset and initial states
     cost: float  # sum of squares of ``error``
@@ -234,14 +234,14 @@ def summed(columns: list[FloatArray], others: list[FloatArray]) -> FloatArray:
 
 
 def _records(part: Record, columns: FloatArray) -> tuple[Record, ...]:
-    """Return a stretch with each of several inputs (K, q), from its first value, and outputs of zero."""
+    """Return a stretch with each of several inputs (K, q), relative to its first value, and outputs of zero."""
     none = np.zeros(len(columns))
     given = (np.ascontiguousarray(each) for each in (columns - columns[0]).T)
     return tuple(replace(part, u=u, y=none, measured=None) for u in given)
 
 
 def _freed(columns: FloatArray, basis: FloatArray) -> FloatArray:
-    """Return columns (K, C) without what an orthonormal basis (K, R) explains of them."""
+    """Return columns (K, C) with an orthonormal basis (K, R) projected out."""
     return columns - combined(basis, products(basis, columns)) if basis.shape[1] else columns
 
 
@@ -254,12 +254,12 @@ def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def is_exact(row: Row, point: Point) -> bool:
-    """Return whether a point leaves nothing but rounding."""
+    """Return whether the residual of a point is only rounding."""
     return point.power <= ROUNDING * sum(sum_of_squares(each.y) for each in row.stretches)
 
 
 def noise_of(row: Row, point: Point) -> Autoregression:
-    """Return the autoregression of a point's residual, one for all stretches; what is rounding counts as white."""
+    """Return the autoregression of a point's residual, one for all stretches; rounding counts as white."""
     return Autoregression.white(point.power, row.count) if is_exact(row, point) else colour_of(row, point.residual)
 
 
@@ -270,13 +270,13 @@ def colour_of(row: Row, signals: list[FloatArray]) -> Autoregression:
 
 @dataclass(frozen=True, eq=False)
 class RowRecord:
-    """A record of several inputs made ready, and what it was made of."""
+    """A prepared record of several inputs, and what it was made from."""
 
     record: Record  # its input is the first one
     inputs: FloatArray  # (J, q)
-    used: BoolArray  # (K,): the rows that have all inputs, from the first output to the last: those of the record
-    level: float  # mean of the output, which was taken off
-    outside: Outside | None = None  # where references move inputs
+    used: BoolArray  # (K,): the rows with all inputs, from the first output to the last: those of the record
+    level: float  # mean of the output, which was subtracted
+    outside: Outside | None = None  # if references move inputs
 
     @classmethod
     def of(
@@ -288,8 +288,8 @@ class RowRecord:
         input_hold: str = "zoh",
         begins: tuple[int, ...] = (),
     ) -> RowRecord:
-        """Make ready inputs (K, q) and an output (K,), NaN where missing; ``begins`` as in `Record`."""
-        # numbers whose squares would leave float64 count as missing
+        """Prepare inputs (K, q) and an output (K,), NaN where missing; ``begins`` as in `Record`."""
+        # numbers whose squares would overflow count as missing
         measured, used = accepted(y)[1], accepted(inputs)[1].all(axis=1)
         used &= np.logical_or.accumulate(measured) & np.logical_or.accumulate(measured[::-1])[::-1]
         if not (used & measured).any():
@@ -316,13 +316,13 @@ class RowRecord:
             outputs, _, free = row.signals(point.theta, stretch, weights[1:])
             output[stretch.rows] = outputs.sum(axis=1) + combined(free, weights)
         whole = np.full(self.used.size, np.nan)
-        # initial states estimated from later outputs tell nothing of what answers to inputs before record or gap
+        # initial states, estimated from later outputs, do not give the response to inputs before record or gap
         answers = self.record.answers(max(each.delay for each in row.structures))
         whole[self.used] = np.where(answers, self.level + output, np.nan)
         return whole
 
     def explained(self, row: Row, output: FloatArray) -> FloatArray:
-        """Return an output (K,) with NaN where the row is not judged by it: it is bad, or answers to inputs before."""
+        """Return an output (K,) with NaN where the row does not use it: it is bad, or depends on earlier inputs."""
         measured = np.zeros(self.record.u.size, bool)
         for stretch in row.stretches:
             measured[stretch.rows] = stretch.measured
@@ -331,7 +331,7 @@ class RowRecord:
         return np.where(known, output, np.nan)
 
     def levels(self, row: Row, point: Point) -> tuple[FloatArray, float]:
-        """Return the mean of each input, and the output that rests there: the mean where a branch has no rest."""
+        """Return the mean of each input, and the resting output there; its mean if a branch has no rest."""
         middles = self.inputs.mean(axis=0)
         each = zip(row.structures, row.branches(point.theta), strict=True)
         models = [structure.transfer_function(theta) for structure, theta in each]

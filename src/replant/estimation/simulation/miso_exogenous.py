@@ -1,8 +1,8 @@
-"""What moves the inputs of a row from outside: references, and the inputs that nobody controls.
+"""External signals of a row: references, and the inputs that no controller makes.
 
-An input that a controller makes answers to the noise.  What the signals from outside explain of it, by Laguerre
-functions of each, does not: instruments are made of that.  An error of the projection costs variance, and no bias as
-long as it knows nothing of the noise that is there with it: a part of a record is projected by the weights of the rest.
+An input that a controller makes responds to the noise.  The part of it that the external signals explain, by Laguerre
+functions of each, does not: it gives the instruments.  An error of the projection costs variance, but no bias if it is
+independent of the noise at the same time: each part of a record is projected with the weights of the other parts.
 
 Source: Van den Hof and Schrama (1993), "An indirect method for transfer function estimation from closed loop data",
 Automatica 29.
@@ -20,11 +20,11 @@ from replant.numerics.linear_algebra import combined
 from replant.numerics.projections import best_pole, weights_of
 
 # two of them are left out for each set of weights, so that their variance is a third larger
-PARTS = 8  # parts of a record between whose ends the weights of the rest pass over into each other [count]
+PARTS = 8  # parts of a record, between whose ends the sets of weights are blended [count]
 
 
 def windows(samples: int) -> FloatArray:
-    """Return smooth weights (PARTS + 1, K) of the ends of parts, whose sum is one: edges would be jumps of an input."""
+    """Return smooth windows (PARTS + 1, K) about the ends of the parts, with sum one, as edges would be input jumps."""
     ends, length = np.linspace(0.0, samples - 1.0, PARTS + 1), max(samples - 1.0, 1.0) / PARTS
     away = np.abs(np.arange(samples) - ends[:, None]) / length
     return np.where(away < 1.0, 0.5 + 0.5 * np.cos(np.pi * np.minimum(away, 1.0)), 0.0)
@@ -32,10 +32,10 @@ def windows(samples: int) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """How inputs follow signals from outside, by Laguerre functions of one pole for each signal."""
+    """How inputs follow external signals, by Laguerre functions of one pole for each signal."""
 
     poles: FloatArray  # (S,)
-    origins: FloatArray  # (S,): what the functions count from
+    origins: FloatArray  # (S,): means, which are subtracted from the signals
     states: FloatArray  # (S, L): of the functions, after the newest sample
     weights: FloatArray  # (M, S L + 1): of the functions and of a one, for each input
 
@@ -58,7 +58,7 @@ class Law:
         return written, states
 
     def follow(self, signals: FloatArray) -> tuple[Law, FloatArray]:
-        """Return the law after further signals (K, S), and what they explain of the inputs (K, M)."""
+        """Return the law after further signals (K, S), and the inputs (K, M) by the law."""
         functions, states = self.functions(signals)
         explained = np.tile(self.weights[:, -1], (len(signals), 1))
         for j in range(functions.shape[1]):  # one by one: the bits do not depend on K
@@ -68,16 +68,16 @@ class Law:
 
 @dataclass(frozen=True, eq=False)
 class Outside:
-    """What signals from outside explain of the inputs of a record."""
+    """The parts of the inputs of a record that external signals explain."""
 
-    inputs: FloatArray  # (K, q): of each input what they explain; one that nobody controls is such a signal itself
+    inputs: FloatArray  # (K, q): the explained part of each input; an input that no controller makes itself
     signals: FloatArray  # (K, S): the references, then those inputs
     is_moved: BoolArray  # (q,): which inputs the references move
     law: Law  # after the record
 
     @classmethod
     def of(cls, inputs: FloatArray, references: FloatArray, is_moved: BoolArray) -> Outside:
-        """Return what references (K, p) explain of the inputs (K, q) that they move, beside those that they do not."""
+        """Return the parts of the moved inputs (K, q) that references (K, p) and the other inputs explain."""
         signals = np.column_stack([references, inputs[:, ~is_moved]])
         moved = inputs[:, is_moved]
         law = Law.of(signals, moved)
@@ -96,16 +96,16 @@ class Outside:
         return law.functions(self.signals[rows])[0]
 
     def of_inputs(self, chosen: list[int]) -> Outside:
-        """Return what is explained of some of the inputs."""
+        """Return the parts of some of the inputs."""
         return replace(self, inputs=self.inputs[:, chosen], is_moved=self.is_moved[chosen])
 
     def last(self, samples: int) -> Outside:
-        """Return the same of the newest samples."""
+        """Return the same for the newest samples."""
         return replace(self, inputs=self.inputs[-samples:], signals=self.signals[-samples:])
 
 
 def with_moved(inputs: FloatArray, is_moved: BoolArray, explained: FloatArray) -> FloatArray:
-    """Return inputs (K, q) with what is explained (K, M) in place of those that references move."""
+    """Return inputs (K, q) with the explained parts (K, M) in place of those that references move."""
     result = inputs.copy()
     result[:, is_moved] = explained
     return result

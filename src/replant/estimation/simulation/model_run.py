@@ -1,10 +1,9 @@
 r"""A model's run over a record: its output, simulated or predicted, its residual, and the signals of the tests.
 
-The residual of B/A is :math:`e = A/D\, y - B/D\, u`.  D is A where that is stable: e is then the measured output minus
-the simulated one.  Else D is A with its unstable poles reflected: the residual of a right model is as white as the
-noise, and needs no simulation that diverges.
-
-The predicted output, which makes e zero, depends on past outputs; it then takes the place of the simulated output.
+The residual of B/A is :math:`e = A/D\, y - B/D\, u`.  If A is stable, D is A: e is then the measured minus the
+simulated output.  Else D is A with its unstable poles reflected: the residual of a right model is as white as the
+noise, without a simulation that diverges.  The predicted output, which makes e zero, depends on past outputs; it then
+replaces the simulated output.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from replant.numerics.linear_algebra import combined, quiet, roots
 from replant.numerics.residuals import ErrorSums, OutputSums
 
 PER_COEFFICIENT = 10  # samples held out for each, else a model explains a tenth of the noise by chance [samples]
-LONGEST = 3.0  # longest delay that tells other dynamics: a response has decayed to a twentieth [slowest time constants]
+LONGEST = 3.0  # longest delay tested for other dynamics: a response has decayed to a twentieth [slowest time constants]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +51,12 @@ class ModelRun:
     zeta: FloatArray  # (K, n + m + 1): derivatives of the simulated output: -s^i/D of itself, and s^j/D u
     nuisances: FloatArray  # (K, n + 1): outputs by a unit offset and by unit initial states
     is_direct: bool = False  # whether the output depends on the input of the same sample
-    instruments: FloatArray | None = None  # (K, n + m + 1): the derivatives of what a reference explains of u and y
+    instruments: FloatArray | None = (
+        None  # (K, n + m + 1): the derivatives with the parts of u and y that a reference explains
+    )
 
     def dynamics(self, rows: slice, dt: float, span: float, *, feedback: bool = False) -> FloatArray:
-        """Return columns (J, C) that tell other dynamics in some rows of a record, under feedback by the past alone."""
+        """Return columns (J, C) that show other dynamics in some rows of a record, in feedback by the past alone."""
         begin, end, _ = rows.indices(self.error.size)
         index = np.arange(begin, end) - (1 if self.is_direct and feedback else 0)
 
@@ -80,7 +81,7 @@ class ModelRun:
 def run_model(
     structure: Structure, parameters: FloatArray, record: Record, dt: float, by_reference: FloatArray | None = None
 ) -> ModelRun | None:
-    """Run a model over a record; None where its signals leave float64."""
+    """Run a model over a record; None if its signals are not finite, or too large."""
     n = structure.poles
     # with as many zeros as there can be, the columns hold every s^i/A u; the derivatives along b are the last of them
     full = Structure(n, n - 1 + structure.is_biproper, structure.delay, feedthrough=structure.is_biproper)
@@ -111,7 +112,7 @@ def run_model(
 
 @quiet
 def responses(model: TransferFunction, inputs: FloatArray, record: Record, dt: float, hold: str) -> FloatArray:
-    """Return the outputs (K, C) of a model by inputs (K, C) on a record's clock, from rest behind each gap."""
+    """Return the outputs (K, C) of a model for inputs (K, C) on a record's clock, from rest after each gap."""
     outputs = np.empty_like(inputs)
     for rows in record.parts:
         intervals = None if record.intervals.size == 1 else record.intervals[rows]
@@ -124,7 +125,7 @@ def model_output(
     model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, *, input_hold: str = "zoh",
     t: FloatArray | None = None, begins: Sequence[int] = (),
 ) -> Simulation:  # fmt: skip
-    """Return the output of a model beside a record, offset and initial state fitted to the measured output."""
+    """Return the output of a model for a record, simulated, or predicted if it runs away; offset and state fitted."""
     span = dt * (u.size - 1) if t is None else float(t[-1] - t[0])
     if not runs_away(model.den, span):
         return simulate(model, u, y, dt, input_hold=input_hold, t=t, begins=begins)
@@ -135,7 +136,7 @@ def model_output(
 def predicted(
     model: TransferFunction, dt: float, input_hold: str, u: FloatArray, y: FloatArray, t: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the output (K,) predicted one step ahead, NaN where a model has none, and the measured one (K,)."""
+    """Return the output (K,) predicted one step ahead, NaN where there is none, and the measured one (K,)."""
     kept, output = np.isfinite(u) & np.isfinite(y), np.full(u.size, np.nan)
     if kept.sum() <= 1:  # nothing is predicted from one sample
         return output, output
@@ -154,14 +155,14 @@ def predicted(
 
 @quiet
 def runs_away(denominator: FloatArray, span: float) -> bool:
-    """Return whether a model's free response grows more than e-fold within ``span`` s: a simulation means nothing."""
+    """Return whether a model's free response grows more than e-fold in ``span`` s: a simulation is meaningless."""
     fastest = float(roots(denominator).real.max())
     return math.isfinite(fastest) and fastest * span > 1.0
 
 
 @quiet
 def prediction_error(structure: Structure, parameters: FloatArray, record: Record, dt: float) -> FloatArray | None:
-    """Return the one-step error (K,), offset and initial state fitted, of any stability; None beyond float64."""
+    """Return the one-step error (K,), offset and initial state fitted, also if unstable; None if not finite."""
     model = AuxiliaryModel(structure, dt, record.input_hold, margin=SLOWEST / record.span)
     theta, known = np.zeros(model.entries), structure.coefficients
     theta[:known] = parameters[:known]
@@ -172,7 +173,7 @@ def prediction_error(structure: Structure, parameters: FloatArray, record: Recor
 
 
 class Score:
-    """Runs a model beside a record batch by batch, and keeps the sums that its fits to the output are made from.
+    """Runs a model over a record batch by batch, and keeps the sums that give its fits to the output.
 
     A record of any length needs one pass: the initial state is fitted over the first batch, the offset over all of
     them.  The autoregression D(q) e = w of the residual e and the sum of w^2 follow from the sums of the products
@@ -184,7 +185,7 @@ class Score:
         *, predicts: bool = False,
     ) -> None:  # fmt: skip
         self._run = FittedRun(model, dt, input_hold, begins)
-        # of a model that runs away the output is predicted, offset and initial state fitted to each batch
+        # for a model that runs away the output is predicted, offset and initial state fitted to each batch
         self._take = partial(predicted, model, dt, input_hold) if predicts else self._run.take
         self._dt, self._last = dt, math.nan
         self._batches, self._failed = 0, False
@@ -194,8 +195,8 @@ class Score:
         """Take the next samples (K,), stamped ``t`` (K,); return the model's output, `shift` not yet added."""
         if u.size == 0:
             return np.zeros(0)
-        # for NaN in u stands the last input, NaN in y is left out, and
-        # so are the outputs that answer to inputs from before the record
+        # NaN in u is replaced by the last input; NaN in y is left out, and
+        # so are the outputs that depend on inputs before the record
         intervals = None  # since the sample before each stamp
         if t is not None:
             intervals = np.diff(t, prepend=t[0] - self._dt if math.isnan(self._last) else self._last)
@@ -212,15 +213,15 @@ class Score:
 
     @property
     def usable(self) -> bool:
-        """Whether there is something to compare: a modelled output within float64, and a measured output."""
+        """Whether there is something to compare: a finite modelled output, and a measured output."""
         return not self._failed and self._output.count > 0
 
     @property
     def shift(self) -> float:
-        """Offset of the whole record minus that of the first batch; NaN where the score is not usable."""
+        """Offset of the whole record minus that of the first batch; NaN if the score is not usable."""
         if not self.usable:
             return math.nan
-        return self._error.mean if self._batches > 1 else 0.0  # of one batch the offset is the least-squares solution
+        return self._error.mean if self._batches > 1 else 0.0  # with one batch the offset is the least-squares solution
 
     @property
     def offset(self) -> float:
@@ -248,7 +249,7 @@ class Score:
 def _spread(
     error: FloatArray, known: BoolArray, intervals: FloatArray | None, dt: float
 ) -> tuple[FloatArray, BoolArray]:
-    """Return residuals (K,), and which are known, with one unknown residual for each sample that was lost."""
+    """Return residuals, and which are known, with one unknown residual for each lost sample."""
     if intervals is None:
         return error, known
     places = places_on_grid(intervals, dt)
