@@ -173,7 +173,7 @@ def test_where_the_plain_model_alone_has_converged_it_is_kept_untested(monkeypat
 
     def still_moving(*roots: Any, **how: Any) -> Any:
         found = best(*roots, **how)
-        return None if found is None else replace(found, converged=False, at_bend=False)
+        return None if found is None else replace(found, converged=False, at_kink=False)
 
     monkeypatch.setattr(srivc, "_best", still_moving)
     found = refine(STRUCTURE, record)

@@ -1,1 +1,1 @@
-"""Solver: the estimate of a record, of each candidate, and of what may have changed within it."""
+"""Solver: the estimate of a record, and the changes of plant and load within it."""

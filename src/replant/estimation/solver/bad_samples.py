@@ -1,9 +1,9 @@
-"""Bad samples of a record: outputs that are missing, outliers, and those of a sensor that is stuck or at its limit.
+"""Bad samples of a record: missing outputs, outliers, and outputs of a sensor that is stuck or at its limit.
 
-An outlier is an output whose residual stands out of its neighbours'.  A sensor is stuck where the output was the same
-number to the bit so often in a row that it is no chance, while the model says that it moved; at its limit where it is
-so at the same number again.  Both need a model, so that a record is solved, its outputs are judged, and it is solved
-again without those that are bad (`estimation.solver.solve`).  What may be bad by the outputs alone is left out first.
+An outlier is an output whose residual is much larger than its neighbours'.  A sensor is stuck if successive outputs are
+bitwise equal for longer than by chance, while the model moves; it is at its limit if this recurs at the same value.
+Both need a model: a record is solved, its outputs are judged, and it is solved again without the bad ones
+(`estimation.solver.solve`).  Outputs that seem bad without a model are left out first.
 
 Sources: Pearson (2002), "Outliers in process modeling and identification", IEEE Transactions on Control Systems
 Technology 10 (median filter and robust scale); Chang, Tiao and Chen (1988), "Estimation of time series parameters in
@@ -23,28 +23,28 @@ from replant.numerics.levels import MATTERS
 from replant.numerics.robust import SECTIONS, never_ties, robust_std, still_runs, tie_share, usual_step, without_spikes
 
 LEAST = 0.25
-"""The same beside the output, so that what rounding or a small fault of the model leaves is none [part of the output's
-standard deviation].
-Origin: an outlier that is smaller moves no coefficient by more than its deviation in a record of 500 samples.
+"""Least residual of an outlier, so that rounding or a small error of the model is none [part of the output's standard
+deviation].
+Origin: a smaller outlier moves no coefficient by more than its standard deviation in a record of 500 samples.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-# rounded, right outputs lie up to two steps from their neighbours' median, and one between two steps stands still
-STEPS = 3.0  # the same beside the sensor's usual step, and what a model must move while the sensor is stuck [steps]
+# rounded, right outputs lie up to two steps from their neighbours' median, and an output between two steps is constant
+STEPS = 3.0  # least residual of an outlier, and least movement of the model with a stuck sensor [usual steps]
 
-# half-way between an output that the model gives whole, and one of which it gives nothing
+# half-way between an output that the model explains fully, and one that it does not explain
 UNEXPLAINED = 0.5  # residual of a gross output that the model does not explain [part of its distance from the median]
-MOST = 0.05  # share of outliers beyond which they are none: heavy tails, or another plant; as MOST_DOUBTED [share]
-FEWEST = 5  # residuals that tell how large one usually is, at the least [samples]
-JUMP = math.sqrt(MATTERS)  # step of the input that a model without a direct path answers too late [part of its range]
+MOST = 0.05  # largest share of outliers: more are heavy tails, or another plant; as MOST_DOUBTED [share]
+FEWEST = 5  # fewest residuals that give their usual size [samples]
+JUMP = math.sqrt(MATTERS)  # step of the input to which a model without a direct path is too late [part of its range]
 
-# of a binomial test; a lone outlier is taken for an answer where steps are rarer than one sample in 100
-BY_CHANCE = 0.01  # chance below which outliers are at steps of the input for a reason [probability]
+# of a binomial test; a single outlier counts as a response if steps are rarer than one sample in 100
+BY_CHANCE = 0.01  # chance below which outliers at steps of the input are responses [probability]
 
 # the run's length follows from the share of equal neighbours elsewhere
 TIED_BY_CHANCE = 1e-3  # chance of a run of equal outputs in a record below which the sensor is stuck [probability]
 
-HARM = 0.02  # what a model must move for a stuck sensor to do harm: the root of the recursion's [part of y's deviation]
+HARM = 0.02  # least movement of the model with a harmful stuck sensor: root of the recursion's [part of y's deviation]
 
 
 def suspicious(u: FloatArray, y: FloatArray) -> IntArray:
@@ -63,7 +63,7 @@ def suspicious(u: FloatArray, y: FloatArray) -> IntArray:
 
 
 def doubts(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: FloatArray) -> IntArray:
-    """Return the `Doubt` in each output (K,), by a model's; inputs are (K,) or (K, q)."""
+    """Return the `Doubt` in each output (K,) by a modelled one; inputs are (K,) or (K, q)."""
     error = y - modelled
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
     stuck = _stuck(u, y, modelled, robust_std(error[np.isfinite(error)]) if np.isfinite(error).any() else 0.0)
@@ -73,7 +73,7 @@ def doubts(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: FloatArray
 
 
 def filled(y: FloatArray, measured: BoolArray) -> FloatArray:
-    """Return an output (K,) with those not measured on the straight line between their neighbours."""
+    """Return an output (K,) with the values that were not measured interpolated linearly."""
     if measured.all() or not measured.any():
         return y
     index = np.arange(y.size)
@@ -81,13 +81,13 @@ def filled(y: FloatArray, measured: BoolArray) -> FloatArray:
 
 
 def _runs(y: FloatArray) -> list[slice]:
-    """Return where outputs (K,) are equal to the bit so often in a row that it is no chance."""
+    """Return the runs of bitwise equal outputs (K,) that are too long for chance."""
     if y.size < 2 * SECTIONS:
         return []
     equal = y[1:] == y[:-1]
     low, high = np.nanmin(y), np.nanmax(y)
     inside = equal & (y[1:] != low) & (y[1:] != high)  # at its limit a sensor repeats itself everywhere
-    share = max(tie_share(inside), SECTIONS / y.size)  # fewer were not looked at
+    share = max(tie_share(inside), SECTIONS / y.size)  # the resolution of the share
     if not share < 1.0:
         return []
     fewest = math.log(TIED_BY_CHANCE / y.size) / math.log(share)
@@ -103,10 +103,10 @@ def _stuck(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: float) -> 
         return found
     step, is_resolved = STEPS * usual_step(known), never_ties(y)
     least, low, high = max(noise, step, HARM * float(known.std())), known.min(), known.max()
-    # the model moves meanwhile by more than the noise, some steps of the scale, and what does no harm
+    # the model moves meanwhile by more than the noise, some steps of the scale, and a harmless amount
     moved = [rows for rows in _runs(y) if float(np.ptp(modelled[rows])) > least]
-    # under an input that rests a plant may rest as often at the same number; before its first move no output proves
-    # that it did not: the model follows the outputs that were left out with its initial state
+    # with a constant input a plant may rest repeatedly at one value; before the input's first move nothing proves that
+    # it did not: there the model may move by its fitted initial state alone
     steps = np.flatnonzero(np.diff(u, axis=0).reshape(y.size - 1, -1).any(axis=1)) + 1
     first = int(steps[0]) if steps.size else y.size
     driven = [np.searchsorted(steps, rows.start) < np.searchsorted(steps, rows.stop) for rows in moved]
@@ -119,18 +119,18 @@ def _stuck(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: float) -> 
         is_limit = again or (level == high and away > 0.0) or (level == low and away < 0.0)
         if is_limit and rows.start >= first:
             limits.add(level)
-        # a plant that rests leaves its rest without a jump, however late; where noise tells any two outputs in a row
-        # apart, it does so while a plant rests
+        # a plant leaves its rest without a jump, however late; noise that makes all successive outputs differ does so
+        # at rest as well
         elif rows.stop == y.size or is_resolved or not abs(float(y[rows.stop]) - level) <= max(noise, step):
             found[rows] = True
-    for level in limits:  # shorter runs too
+    for level in limits:  # also in shorter runs
         found[:-1] |= (y[:-1] == level) & (y[1:] == level)
         found[1:] |= (y[:-1] == level) & (y[1:] == level)
     return found
 
 
 def _outliers(u: FloatArray, y: FloatArray, error: FloatArray, noise: FloatArray) -> BoolArray:
-    """Return which residuals (K,) stand out of their neighbours, by D'D e / d'd, and follow no steps of the input."""
+    """Return which residuals (K,) are outliers among their neighbours, by D'D e / d'd, and not at input steps."""
     known = np.isfinite(error)
     nothing = np.zeros(error.size, bool)
     if int(known.sum()) < max(FEWEST, noise.size):
@@ -141,7 +141,7 @@ def _outliers(u: FloatArray, y: FloatArray, error: FloatArray, noise: FloatArray
         white = np.convolve(left, noise)[: left.size]
         away = np.convolve(white[::-1], noise)[: left.size][::-1] / float(noise @ noise)
         size = np.abs(away)
-        # of neighbours it is the one that stands out most: the others do so because of it
+        # only the largest among neighbours: it makes the others large
         largest = np.max(
             np.lib.stride_tricks.sliding_window_view(np.pad(size, noise.size - 1), 2 * noise.size - 1), axis=1
         )
@@ -150,13 +150,13 @@ def _outliers(u: FloatArray, y: FloatArray, error: FloatArray, noise: FloatArray
             break
         found |= new
         left[new] -= away[new]
-    if _follow(u, found):  # but for what no plant does and the model does not explain
+    if _follow(u, found):  # except those that no plant produces and the model does not explain
         found &= _gross(y) & (np.abs(error) > UNEXPLAINED * np.abs(y - np.median(y[known])))
     return nothing if not 0 < int(found.sum()) <= MOST * error.size else found
 
 
 def _gross(y: FloatArray) -> BoolArray:
-    """Return which outputs (K,) lie further from their neighbours than any plant's."""
+    """Return which outputs (K,) lie further from their neighbours than those of any plant."""
     known = np.flatnonzero(np.isfinite(y))
     gross = np.zeros(y.size, bool)
     gross[known[without_spikes(y[known]) != y[known]]] = True
@@ -164,7 +164,7 @@ def _gross(y: FloatArray) -> BoolArray:
 
 
 def _follow(u: FloatArray, found: BoolArray) -> bool:
-    """Return whether samples (K,) are at steps of an input more often than the share of steps makes by chance."""
+    """Return whether samples (K,) are at steps of an input more often than by chance."""
     from scipy import special  # slow to import
 
     steps = np.abs(np.diff(u, axis=0, prepend=u[:1])) > JUMP * np.ptp(u, axis=0)

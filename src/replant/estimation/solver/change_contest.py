@@ -1,23 +1,23 @@
-"""Contest: which supposition of what has changed in a record explains its newest samples best.
+"""Contest: the supposition of what has changed in a record that explains its newest samples best.
 
-A residual that has grown has many causes.  Each is a supposition, fitted to the samples since some sample b:
+A residual may grow for many reasons.  Each is a supposition, fitted to the samples from some sample b on:
 
     NOTHING   the model goes on, with its offset, its state and its noise
     NOISE     the noise has another variance or colour
     LOAD      offset and initial state are new
-    PART      so are some directions of the coefficients: the gain, or single ones
-    PLANT     so is every coefficient
-    CUT       the output no longer answers to the input: a cable floats
+    PART      also some directions of the coefficients: the gain, or single ones
+    PLANT     also all coefficients
+    CUT       the output no longer responds to the input: an open cable
     WHOLE     one other model holds for these samples and those before: the model was wrong
 
-What was known before is a prior, of which a supposition forgets some directions (`estimation.solver.change_evidence`).
-PART, PLANT and CUT are supposed only where the input moves.
+The knowledge from before is a prior, of which a supposition forgets some directions
+(`estimation.solver.change_evidence`).  PART, PLANT and CUT are supposed only if the input moves.
 
 All are compared over the same samples by the log-likelihood of their residuals.  These are whitened by the noise model
-from before the change, or at the price of its numbers by one of their own: an autoregression fitted to a step nearly
-explains it.  Each fitted number costs ln(K) / 2 (Bayes' criterion), and what says something else of G(s) beside that
--ln `ALPHA`: odds against it before any sample.  A linear model of a plant that is none fits each stretch differently:
-what another G(s) explains counts beside that, see `weighed`.
+from before the change, or by their own at the price of its numbers, as an autoregression fitted to a step nearly
+explains it.  Each fitted number costs ln(K) / 2 (Bayes' criterion), and another G(s) in addition -ln `ALPHA`, the prior
+odds against it.  A linear model of a nonlinear plant fits each stretch differently: the gain by another G(s) is
+weighed against this dispersion, see `weighed`.
 
 Source: Schwarz (1978), "Estimating the dimension of a model", Annals of Statistics 6; Willsky and Jones (1976), "A
 generalized likelihood ratio approach to the detection and estimation of jumps", IEEE Transactions on Automatic Control
@@ -48,38 +48,38 @@ from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import combined, least_norm, quiet, sum_of_squares
 
 # half of the amplitude that matters, as a change must be noticed before it is as large
-NOTICED = 0.5 * math.sqrt(MATTERS)  # change of the simulated output below which none matters [part of its amplitude]
-# a fifth of what a change must make of the output, so that none that matters is missed
+NOTICED = 0.5 * math.sqrt(MATTERS)  # change of the simulated output up to which it is harmless [part of its amplitude]
+# a fifth of `NOTICED`, so that no change that matters is missed
 HARMLESS = 0.2 * NOTICED  # residual below which no change is looked for [part of the output's standard deviation]
-# the growth that an alarm is raised for
-UNEXPLAINED = 5.0  # power of what a load or a part of the plant leaves, beyond which neither has happened [usual power]
+# the growth that raises an alarm
+UNEXPLAINED = 5.0  # residual power of LOAD or PART above which it is rejected [usual power]
 
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """A supposition, fitted."""
+    """A fitted supposition."""
 
     supposition: Supposition
     contest: Contest  # whose samples it is fitted to
-    likelihood: float  # logarithm of the likelihood ratio to NOTHING, a prior's included
-    odds: float = 0.0  # logarithm of the odds beforehand: what another G(s) costs
-    price: float = 0.0  # of the numbers that it has fitted
-    unserved: float = 0.0  # how much likelier the most likely model of the same supposition is than the one served
-    left: float = 1.0  # variance of what a fit with a prior leaves, over the usual one
+    likelihood: float  # logarithm of the likelihood ratio to NOTHING, including a prior's
+    odds: float = 0.0  # logarithm of the prior odds: the price of another G(s)
+    price: float = 0.0  # of the fitted numbers
+    unserved: float = 0.0  # log-likelihood gain of the likeliest model of this supposition over the one served
+    left: float = 1.0  # residual variance of a fit with a prior, over the usual one
     model: FloatArray | None = None  # (T,)
     root: Root | None = None  # where its fit has ended
     prior: Prior | None = None  # of that fit
-    refined: Refined | None = None  # the estimate, where it is made of the samples alone
+    refined: Refined | None = None  # the estimate, if made from the samples alone
     solution: Solution | None = None  # that of all samples
 
     @property
     def theta(self) -> FloatArray:
-        """The model (T,) that it goes on with; of an output that answers to nothing, without a numerator."""
+        """The model (T,) to continue with; after CUT, without a numerator."""
         return self.contest.known.mean if self.model is None else self.model
 
     @property
     def fair(self) -> float:
-        """The evidence before what another G(s) costs."""
+        """The evidence without the price of another G(s)."""
         return self.likelihood - self.price
 
     @property
@@ -88,19 +88,19 @@ class Claim:
         return self.fair + self.odds
 
     def weighed_beside(self, base: float, most: float) -> Claim:
-        """Return the claim with its evidence beyond that of one G(s) as `weighed` has it."""
+        """Return the claim with its gain over those of one G(s) weighed, see `Contest.weighed`."""
         if not self.supposition.is_of_plant:
             return self
         return replace(self, likelihood=base + self.contest.weighed(self.fair - most) + self.price)
 
 
 def odds_of(supposition: Supposition) -> float:
-    """Return the logarithm of the odds of a supposition before any sample."""
+    """Return the logarithm of the prior odds of a supposition."""
     return math.log(ALPHA) if supposition.is_of_plant else 0.0
 
 
 def decided(claims: Sequence[Claim]) -> Claim | None:
-    """Return the claim of most evidence; None while it is open, or where there are no claims."""
+    """Return the claim of most evidence; None if it is not decided, or without claims."""
     told = dict(zip(claims, weighed(claims), strict=True))
     found = max(claims, key=lambda claim: told[claim].evidence, default=None)
     if found is None or found.supposition is Supposition.CUT:
@@ -113,8 +113,8 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
 
 
 def _advantage(found: Claim, rival: Claim, told: Mapping[Claim, Claim]) -> float:
-    """Return how much likelier a claim is than another one."""
-    # weighed beside a third claim both grow as the logarithm of the samples, and their difference does not grow
+    """Return the log-likelihood gain of a claim over another one."""
+    # weighed against a third claim, both grow as the logarithm of the samples, and their difference does not grow
     if rival.supposition is Supposition.CUT and found.supposition.is_of_plant:
         return found.contest.weighed(found.fair - rival.fair)
     return told[found].fair - told[rival].fair
@@ -122,19 +122,19 @@ def _advantage(found: Claim, rival: Claim, told: Mapping[Claim, Claim]) -> float
 
 def _least_advantage(found: Claim, rival: Claim) -> float:
     """Return by how much the claim of most evidence must be likelier than another one, the price of G(s) aside."""
-    # a load, believed, leaves little of what the samples before told of G(s): it must be sure beside no change at all
+    # accepting a load discards most of the earlier information on G(s): it must be sure against no change at all
     same = Supposition.NOTHING, Supposition.NOISE
     if rival.supposition is Supposition.CUT or (found.supposition is Supposition.LOAD and rival.supposition in same):
         return -math.log(ALPHA)
-    # what says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds
+    # a claim of the same G(s) must also win without the price of another one
     return -math.inf if found.supposition.is_of_plant else 0.0
 
 
 def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
-    """Return whether none but the best of the claims could hold that says something else of G(s)."""
+    """Return whether no claim of a G(s) other than that of the best one could hold as well."""
 
     def less_likely(claim: Claim) -> float:
-        # a load is sure once the samples since tell G(s) by themselves: no other G(s) is as likely, its numbers free
+        # a load is sure once the samples since determine G(s): no other one is as likely, even with its numbers free
         is_free = best.supposition is Supposition.LOAD and claim.supposition.is_of_plant
         left = best.fair - (claim.likelihood if is_free else claim.fair + claim.unserved)
         of_plant = next((each for each in (claim, best) if each.supposition.is_of_plant), None)
@@ -145,7 +145,7 @@ def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
 
 
 def weighed(claims: Sequence[Claim]) -> list[Claim]:
-    """Return claims in which what a change of G(s) explains beyond those of one G(s) counts by `Contest.weighed`."""
+    """Return the claims, the gain of a change of G(s) over the claims of one G(s) weighed by `Contest.weighed`."""
     same = [claim for claim in claims if not (claim.supposition.is_of_plant or claim.supposition is Supposition.CUT)]
     base = max((claim.fair for claim in same), default=0.0)
     most = max((claim.fair + claim.unserved for claim in same), default=0.0)
@@ -153,14 +153,14 @@ def weighed(claims: Sequence[Claim]) -> list[Claim]:
 
 
 def outputs_differ(problem: Problem, model: FloatArray, other: FloatArray, part: float = NOTICED) -> bool:
-    """Return whether the outputs that the G(s) of two models make of a problem's input differ by a part of these."""
+    """Return whether the outputs of two models' G(s) for a problem's input differ by a ``part`` of the second."""
     bare = (without_nuisances(problem.structure, each[: problem.structure.coefficients]) for each in (model, other))
     own, others = (problem.run_whole(each).output for each in bare)
     return not float(np.std(own - others)) < part * float(np.std(others))
 
 
 class Contest:
-    """Suppositions of what has changed since a sample of a record."""
+    """The suppositions of what has changed at a sample of a record."""
 
     def __init__(
         self, structure: Structure, record: Record, begin: int, known: Known, parted: int | None = None
@@ -170,7 +170,7 @@ class Contest:
         self.problem = Problem(structure, self.since)
         self.problem.noise = known.noise
         self._whole = Problem(structure, record)
-        self.rows = self.problem.record.u.size  # those that answer to inputs of the record
+        self.rows = self.problem.record.u.size  # samples since that depend on known inputs
         self.count = self.problem.record.count
         middle = max((parted or begin) - (record.u.size - self.rows), 0)
         self.stretch = Stretch.of(self.problem.record, slice(None), middle)
@@ -179,7 +179,7 @@ class Contest:
 
     @quiet
     def claims(self, *, again: bool = False) -> list[Claim]:
-        """Return what can be said of the samples since; ``again``: what a change that is believed may have been."""
+        """Return the claims about the samples since; ``again``: only those of what an accepted change was."""
         if not is_long_enough(self.structure, self.since):
             return []
         found: list[Claim] = []
@@ -191,30 +191,30 @@ class Contest:
         models = [self.known.mean]
         for claim in self._of_models():
             models.append(claim.model if claim.model is not None else self.known.mean)
-            # a load leaves G(s) as it is, and another G(s) makes another output
+            # a load must leave G(s) as it is, and another G(s) must change the output
             if self.differ(models[-1], self.known.mean) == claim.supposition.is_of_plant:
                 found.append(claim)
         return found if again else [*found, *self._cuts(models)]
 
     @property
     def power(self) -> float:
-        """Mean square of what the model from before leaves of the samples since."""
+        """Mean square of the residual of the model from before in the samples since."""
         return sum_of_squares(self.error) / max(self.count, 1)
 
     def weighed(self, more: float) -> float:
-        """Return the evidence of what another G(s) explains more, see `change_evidence.weighed`."""
+        """Return the evidence in a log-likelihood gain by another G(s), see `change_evidence.weighed`."""
         return change_evidence.weighed(more, *self.dispersion)
 
     @cached_property
     def dispersion(self) -> tuple[float, float]:
-        """That of stretches as long as the samples since, and how many numbers tell it."""
+        """`Known.dispersion` in stretches as long as the samples since."""
         return self.known.dispersion(self.record, self.rows)
 
     def _of_models(self) -> Iterator[Claim]:
         """Yield the claims of models fitted to the samples since: a load, a part of the plant, another plant."""
         moved = with_nuisances(self.problem, self.known.mean, slice(-self.rows, None))
         begins = [(Supposition.LOAD, (moved, np.zeros((moved.size, 0))))]
-        if self._is_driven(*self._driven(self.known.mean)):  # else the gain is not told
+        if self._is_driven(*self._driven(self.known.mean)):  # else the gain is not determined
             begins.append((Supposition.PART, self._scaled()))
         starts = []
         for supposition, start in begins:
@@ -234,15 +234,15 @@ class Contest:
 
     @quiet
     def whole(self, model: FloatArray, solution: Solution | None = None) -> Claim:
-        """Return the claim that one other model (T,), that of a solution, holds for the samples before as well."""
+        """Return the claim that one other model (T,), from a solution, holds for the samples before as well."""
         likelihood = self._likelihood_of_all(model)
-        self._whole.noise = self.known.noise  # a record is not always served its most likely model, see `srivc`
+        self._whole.noise = self.known.noise  # a solution is not always the likeliest model, see `srivc`
         likeliest = self._likelihood_of_all(self._whole.polish(model, whitened=True)[0])
         more = max(likeliest - likelihood, 0.0) if math.isfinite(likelihood) else 0.0
         return self._claim(Supposition.WHOLE, likelihood, model=model, solution=solution, unserved=more)
 
     def _likelihood_of_all(self, model: FloatArray) -> float:
-        """Return the log-likelihood ratio to NOTHING of one model for the samples before as well."""
+        """Return the log-likelihood ratio to NOTHING of one model for the samples before and since."""
         error = self._whole.run_whole(model).ahead
         rows, noise = slice(0, error.size - self.rows), self.known.noise
         before = Stretch.of(self.record, rows)
@@ -252,22 +252,22 @@ class Contest:
         return likelihood - before.of_other(self.known.error[rows], noise, offset)
 
     def _claim(self, supposition: Supposition, likelihood: float, numbers: int = 0, **parts: object) -> Claim:
-        """Return a claim that has fitted so many numbers."""
+        """Return a claim with so many fitted numbers."""
         price = numbers * self.stretch.price
         return Claim(supposition, self, likelihood, odds_of(supposition), price, **parts)  # type: ignore[arg-type]
 
     @property
     def _nuisances(self) -> int:
-        """How many there are."""
+        """The number of nuisances."""
         return self.known.mean.size - self.structure.coefficients
 
     def _likelihood(self, done: Pass, error: FloatArray | None = None) -> float:
-        """Return the log-likelihood ratio to NOTHING of a model's pass, or of another error (K,) of its nuisances."""
+        """Return the log-likelihood ratio to NOTHING of a model's pass, or of another error (K,) with its nuisances."""
         nuisances = done.phi[:, self.structure.coefficients :]
         return self.stretch.of_other(done.ahead if error is None else error, self.known.noise, nuisances) - self.usual
 
     def _scaled(self) -> tuple[FloatArray, FloatArray]:
-        """Return the known model with the gain that explains the samples since best, and the numerator's direction."""
+        """Return the known model with the gain that fits the samples since best, and the numerator's direction."""
         model, size, numerator = self.known.mean.copy(), self.structure.coefficients, self.structure.numerator
         without, forced = self._driven(model)
         columns = np.column_stack([forced, without.phi[:, size:]])
@@ -279,7 +279,7 @@ class Contest:
         return model, direction
 
     def _driven(self, model: FloatArray) -> tuple[Pass, FloatArray]:
-        """Return the pass of a model that does not answer to the input, from rest, and the output (K,) if it does."""
+        """Return the pass of a model without its numerator, from rest, and the output (K,) due to the numerator."""
         still, moving = model.copy(), model.copy()
         still[self.structure.coefficients :] = moving[self.structure.coefficients :] = 0.0
         still[self.structure.numerator] = 0.0
@@ -287,20 +287,20 @@ class Contest:
         return without, without.error - self.problem.run(moving).error
 
     def _is_driven(self, without: Pass, driven: FloatArray) -> bool:
-        """Return whether the driven part (K,) of an output is more than offset and initial state: the input moves."""
+        """Return whether the driven part (K,) of an output is more than an offset and an initial state."""
         columns = without.phi[:, self.structure.coefficients :]
         beside = driven - combined(columns, least_norm(columns, driven, WEAKEST)[0])
         return float(np.std(beside)) > HARMLESS * float(np.std(driven))
 
     def _with_prior(self, supposition: Supposition, start: tuple[FloatArray, FloatArray]) -> Claim | None:
-        """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""
-        # in a load that drifts a fit without it may lead astray, and one with it may take for it what is none
+        """Return the claim of a model known except in some directions, fitted from ``start``, model and directions."""
+        # with a drifting load, a fit without a line may be wrong; without a drift, one with a line may be
         drifting, best = self._drifting(self.problem.run(start[0])), None
         for problem in {id(each): each for each in (self.problem, drifting)}.values():
             prior = self.known.without(start[1])
             model, done, converged = problem.polish(start[0], prior=prior, whitened=True)
             variance = self._variance(done.ahead)
-            if variance > prior.variance:  # that of the samples since is what they are to be weighed by
+            if variance > prior.variance:  # the samples since are weighed by their own variance
                 prior = replace(prior, variance=variance)
                 model, done, converged = problem.polish(start[0], prior=prior, whitened=True)
             if not (np.isfinite(model).all() and math.isfinite(done.cost)):
@@ -319,7 +319,7 @@ class Contest:
         return sum_of_squares(white) / max(self.count, 1)
 
     def _drifting(self, done: Pass) -> Problem:
-        """Return the problem of the samples since with a load that drifts as a pass shows; the same if it does not."""
+        """Return the problem of the samples since with a drifting load as a pass shows; the same without one."""
         line = self.stretch.line(done.ahead, self.known.noise, done.phi[:, self.structure.coefficients :])
         if line.shape[1] == 0:
             return self.problem
@@ -337,7 +337,7 @@ class Contest:
     def _plant(self, given: Sequence[FloatArray]) -> Claim | None:
         """Return the claim of a model of the samples since alone; one that has not settled cannot win."""
         found = refine(self.structure, self.since, given, afresh=True, filtered=self.known.filters)
-        # with an input that rests any gain and a fitting offset explain the samples: the numerator is not told
+        # with a constant input any gain fits with some offset: the numerator is not determined
         if found is None or not self._is_driven(*self._driven(found.theta)):
             return None
         run = self.problem.run(found.theta)
@@ -353,14 +353,14 @@ class Contest:
         return self._claim(Supposition.PLANT, self._likelihood(run), found.theta.size, model=found.theta, refined=found)
 
     def _cuts(self, models: Sequence[FloatArray]) -> Iterator[Claim]:
-        """Yield the claims that the output decays as a model does, and does not answer to the input."""
+        """Yield the claims that the output decays as a model does, and does not respond to the input."""
         for model in models:
             done, driven = self._driven(model)
             columns, error = done.phi[:, self.structure.coefficients :], done.ahead
             if not self._is_driven(done, driven):
                 continue
             left = error - combined(columns, least_norm(columns, error, WEAKEST)[0])
-            # the initial state of an output that wanders is told by the noise model alone
+            # the initial state of a wandering output is determined only with the noise model
             noise = self.stretch.colour(left)
             white, target = (noise.whiten_known(each, self.stretch.predecessors) for each in (columns, error))
             other = error - combined(columns, least_norm(white, target, WEAKEST)[0])
@@ -369,11 +369,11 @@ class Contest:
             yield self._claim(Supposition.CUT, likelihood, self._nuisances, model=still)
 
     def differ(self, model: FloatArray, other: FloatArray, part: float = NOTICED) -> bool:
-        """Return whether the outputs that the G(s) of two models make of the whole input differ by a part of these."""
+        """Return `outputs_differ` for the whole input."""
         return outputs_differ(self._whole, model, other, part)
 
     def estimate(self, claim: Claim) -> Refined | None:
-        """Return the estimate of a claim about the samples since, what was known before included."""
+        """Return the estimate of a claim about the samples since, including the prior."""
         if claim.refined is not None or claim.root is None:
             return claim.refined
         return self.problem.conclude(claim.root, claim.prior)

@@ -1,13 +1,13 @@
-r"""Evidence of a change: what was known before it, and how likely a residual is.
+r"""Evidence of a change: the knowledge from before it, and the likelihood of a residual.
 
-Known is a model with the information about it, and the noise that its residual had.  A supposition of what has changed
-forgets some directions V of the information M:
+Known are a model, its information matrix M, and the noise of its residual.  A supposition of what has changed forgets
+some directions V of M:
 
 .. math:: M_0(V) = M - M V (V^T M V)^{-1} V^T M.
 
-A residual over a stretch of samples is likely with the noise known from before, or with other noise at a price.  A
-stretch may have parts of which each has a variance of its own.  Another colour, and a load that drifts along a broken
-line, cost ln(K) / 2 for each number, as Bayes' criterion has it.
+The likelihood of a residual over a stretch is computed with the noise known from before, or with another noise at a
+price.  Each part of a stretch may have its own variance.  Another colour, and a load that drifts along a broken line,
+cost ln(K) / 2 per number (Bayes' criterion).
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ from replant.numerics.linear_algebra import combined, inverse_of, least_norm, pr
 from replant.numerics.projections import lengths_of
 
 # a normal deviate beyond 4 has the chance 6e-5
-UNTOLD = 4.0  # residual beyond which a sample is not what the model tells [standard deviations]
+UNTOLD = 4.0  # residual beyond which a sample contradicts the model [standard deviations]
 
-# what two coefficients explain of them is then known to a third
-STRETCHES = 8  # fewest stretches before a change whose scatter is told [count]
+# with two coefficients, the dispersion is then known to a third
+STRETCHES = 8  # fewest stretches before a change that give the dispersion [count]
 
-PIECES = 1, 2, 4  # pieces of the broken lines that a load may drift along; a line has to pay for them [count]
+PIECES = 1, 2, 4  # pieces of the broken lines that a load may drift along, each at a price [count]
 # a thousandth of what a converter of 20 bits resolves
 FINEST = 1e-9  # deviation of a residual below which it is no evidence [part of the output's standard deviation]
 # some thousand times float64's precision
-WEAKEST = 1e-12  # singular value below which a direction counts as not there [part of the largest]
+WEAKEST = 1e-12  # singular value that counts as zero [part of the largest]
 
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known before a change."""
+    """The knowledge from before a change."""
 
     mean: FloatArray  # (T,), the model
     information: FloatArray  # (T, T) of its coefficients; zero for the nuisances
     error: FloatArray  # (K,) of the model over a record, offset and initial state those of the samples before
     noise: Autoregression  # D(q) of the error before
     variance: float  # of that error filtered by it, in the output's unit squared
-    filters: bool  # whether estimates are filtered by it
-    slopes: FloatArray  # (B, T) of the output before, filtered by it; none where too few samples are before
+    filters: bool  # whether estimates are filtered by the noise model
+    slopes: FloatArray  # (B, T) of the output before, filtered by it; none if too few samples are before
 
     @classmethod
     @quiet
@@ -58,17 +58,17 @@ class Known:
         cls, structure: Structure, record: Record, begin: int, mean: FloatArray, information: FloatArray, usual: float,
         *, filters: bool = True,
     ) -> Known | None:  # fmt: skip
-        """Return what a model and the information about it tell before a sample of a record; None where they do not."""
+        """Return the knowledge by a model and its information before a sample of a record; None if unusable."""
         problem = Problem(structure, record)
         first = record.first(begin)
-        told = first.count > LEAST + mean.size
+        enough = first.count > LEAST + mean.size
         if not (problem.is_usable(mean) and np.isfinite(information).all()):
             return None
-        done = problem.run_whole(with_nuisances(problem, mean, slice(0, begin) if told else slice(None)))
+        done = problem.run_whole(with_nuisances(problem, mean, slice(0, begin) if enough else slice(None)))
         error = done.ahead
         if not np.isfinite(error).all():
             return None
-        if not told:
+        if not enough:
             known = Autoregression.white(usual, 1.0)
             return cls(mean, information, error, known, usual, filters, np.zeros((0, mean.size)))
         noise = Autoregression.white(sum_of_squares(error[:begin]), first.count)
@@ -81,7 +81,7 @@ class Known:
         return cls(mean, information, error, noise, variance, filters, slopes)
 
     def dispersion(self, record: Record, length: int) -> tuple[float, float]:
-        """Return `dispersion_of` the samples before the change, in stretches of so many."""
+        """Return `dispersion_of` the samples before the change, in stretches of ``length``."""
         begin, coefficients = len(self.slopes), np.diag(self.information) > 0.0
         if not coefficients.any():
             return 1.0, math.inf
@@ -89,8 +89,8 @@ class Known:
         return dispersion_of(self.slopes, white, coefficients, length, self.variance)
 
     def onset(self, record: Record, earliest: int) -> int:
-        """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one."""
-        # the filter is at rest before: a coloured residual that is large there already may be off since before
+        """Return the first sample, from ``earliest`` on, that contradicts the model; ``earliest`` without one."""
+        # the filter starts at rest: a coloured residual that is already large there may have begun before
         error = np.where(np.arange(self.error.size) < earliest, 0.0, self.error)
         white = self.noise.whiten_known(error, record.predecessors)[earliest:]
         untold = np.flatnonzero(np.abs(white) > UNTOLD * math.sqrt(self.variance))
@@ -101,7 +101,7 @@ class Known:
         return Prior(self.mean, forget(self.information, directions), max(self.variance, np.finfo(float).tiny))
 
     def asked_for(self, plant: Refined, size: int, price: float) -> tuple[FloatArray, FloatArray] | None:
-        """Return the model, and the fewest coefficients to forget that an estimate since is worth; None for all."""
+        """Return the model, and the fewest coefficients to forget at a price, given a later estimate; None for all."""
         before, since = self.information[:size, :size], inverse_of(plant.covariance[:size, :size])
         units = np.diag(before) ** -0.5  # the coefficients have units of their own
         before, since = (each * np.outer(units, units) for each in (before, since))
@@ -136,10 +136,10 @@ class Known:
 def dispersion_of(
     slopes: FloatArray, white: FloatArray, coefficients: BoolArray, length: int, variance: float
 ) -> tuple[float, float]:
-    """Return by how much more (at least 1) another G(s) explains of stretches than chance, and by how many numbers.
+    """Return how many times more (at least 1) another G(s) explains of stretches than chance, and degrees of freedom.
 
-    Slopes (K, T) and residual (K,) before a change are whitened; ``coefficients`` (T,) are no nuisances.  A linear
-    model of a plant that is none fits each stretch differently; a change shows where it explains more than that does.
+    Slopes (K, T) and residual (K,) before a change are whitened; ``coefficients`` (T,): which are no nuisances.  A
+    linear model of a nonlinear plant fits each stretch differently; a change must explain more than this.
     Source: the dispersion of quasi-likelihood, Wedderburn (1974), Biometrika 61.
     """
     begin = len(slopes)
@@ -148,10 +148,10 @@ def dispersion_of(
         return 1.0, math.inf
     slopes = slopes / lengths_of(slopes)
     explained, ranks = 0.0, 0
-    # without the stretch next to the begin: a change that is noticed late lies in it
+    # without the stretch just before the change, which may have begun in it
     for end in range(begin - length, length - 1, -length):
         rows = slice(end - length, end)
-        beside = slopes[:length, ~coefficients]  # of an initial state at the stretch's begin
+        beside = slopes[:length, ~coefficients]  # responses to offset and initial state at the begin
         both = np.column_stack([slopes[rows][:, coefficients], white[rows]])
         both -= combined(beside, least_norm(beside, both, WEAKEST)[0])
         both = triangle_of(both)
@@ -165,9 +165,9 @@ def dispersion_of(
 
 
 def weighed(more: float, dispersion: float, numbers: float) -> float:
-    """Return the evidence of what another G(s) explains more, which for a right model were a chi-square of two.
+    """Return the evidence in a log-likelihood gain by another G(s), half a chi-square(2) with a right model.
 
-    The dispersion is known from n numbers, so that it becomes that of an F distribution of 2 and n:
+    As the dispersion is known with n degrees of freedom, an F distribution with 2 and n replaces the chi-square:
     P{F > f} = (1 + 2 f / n)^(-n / 2),   evidence = (n / 2) ln(1 + (2 / n) more / dispersion)
     """
     if more <= 0.0 or math.isinf(numbers):
@@ -176,7 +176,7 @@ def weighed(more: float, dispersion: float, numbers: float) -> float:
 
 
 def with_nuisances(problem: Problem, model: FloatArray, rows: slice = slice(None)) -> FloatArray:
-    """Return a model (T,) with the offset and the initial state that rows of a problem's record tell."""
+    """Return a model (T,) with the offset and the initial state that fit some rows of a problem's record best."""
     size = problem.structure.coefficients
     done = problem.run_whole(without_nuisances(problem.structure, model[:size]))
     return np.concatenate([model[:size], least_norm(done.phi[rows, size:], done.error[rows], WEAKEST)[0]])
@@ -184,7 +184,7 @@ def with_nuisances(problem: Problem, model: FloatArray, rows: slice = slice(None
 
 @quiet
 def forget(information: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return an information matrix (T, T) in which directions (T, Q) are forgotten."""
+    """Return an information matrix (T, T) without the information on directions (T, Q)."""
     if directions.shape[1] == 0:
         return information
     along = information @ directions
@@ -194,16 +194,16 @@ def forget(information: FloatArray, directions: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A stretch of K samples, and what the likelihood of a residual is told by."""
+    """A stretch of K samples, with the data for the likelihood of a residual."""
 
     predecessors: IntArray  # (K,), residuals before each that are one sampling time apart
     measured: BoolArray  # (K,), residuals that count; the others are zero
-    parts: tuple[slice, ...]  # those of a variance of their own
-    least: float  # variance that a residual is not told below
+    parts: tuple[slice, ...]  # each with its own variance
+    least: float  # least variance of a residual
 
     @classmethod
     def of(cls, record: Record, rows: slice, middle: int = 0) -> Stretch:
-        """Return the ``rows`` of a record, parted behind so many of them."""
+        """Return the ``rows`` of a record, divided after ``middle`` of them."""
         measured = record.is_measured[rows]
         parts = tuple(part for part in (slice(0, middle), slice(middle, measured.size)) if measured[part].any())
         least = (FINEST * record.spread) ** 2 + np.finfo(float).tiny
@@ -211,17 +211,17 @@ class Stretch:
 
     @property
     def count(self) -> int:
-        """How many residuals count."""
+        """The number of residuals that count."""
         return int(self.measured.sum())
 
     @property
     def price(self) -> float:
-        """What a number costs that is fitted."""
+        """The price of a fitted number."""
         return 0.5 * math.log(max(self.count, 2))
 
     @quiet
     def of_usual(self, error: FloatArray, noise: Autoregression, variance: float, *, last: bool = False) -> float:
-        """Return the log-likelihood of a residual (K,) of noise that is known, up to a constant that all share."""
+        """Return the log-likelihood of a residual (K,), up to a constant; noise known in all parts or the ``last``."""
         white, likelihood = noise.whiten_known(error, self.predecessors) ** 2, 0.0
         for part in self.parts:
             count = int(self.measured[part].sum())
@@ -232,19 +232,19 @@ class Stretch:
 
     @quiet
     def of_other(self, error: FloatArray, noise: Autoregression, beside: FloatArray | None = None) -> float:
-        """Return the same where each part has the variance that makes it most likely, and the price is taken off."""
+        """Return the same with the likeliest variance of each part, minus its price."""
         if not np.isfinite(error).all():
             return -math.inf
-        # another colour, and beside the nuisances (K, C) a load that drifts, where they pay for themselves
+        # with another colour, or a load that drifts in addition to nuisances (K, C) ``beside``, if worth the price
         return self._drifted(error, noise, beside)[0] - self.price
 
     @quiet
     def line(self, error: FloatArray, noise: Autoregression, beside: FloatArray) -> FloatArray:
-        """Return the columns (K, P) of the line along which a residual drifts, zero at its end; P = 0 if none pays."""
+        """Return the columns (K, P) of the line that a residual follows, zero at its end; P = 0 if none pays."""
         return self._columns(self._drifted(error, noise, beside)[1] if np.isfinite(error).all() else 0)
 
     def _drifted(self, error: FloatArray, noise: Autoregression, beside: FloatArray | None) -> tuple[float, int]:
-        """Return the largest log-likelihood of a residual less some line, paid for, and the line's pieces."""
+        """Return the largest log-likelihood of a residual minus some line, less its price, and the line's pieces."""
         lines = [(0, error)]
         if beside is not None:
             lines += [(pieces, self._less_line(error, pieces, beside)) for pieces in PIECES]
@@ -252,13 +252,13 @@ class Stretch:
         return max(tried, key=lambda each: each[0])
 
     def _columns(self, pieces: int) -> FloatArray:
-        """Return what broken lines (K, P) of so many pieces are made of that end at zero."""
+        """Return the basis (K, P) of the broken lines of so many pieces that end at zero."""
         time, ends = np.arange(self.measured.size) + 1.0, np.arange(1, pieces + 1) / max(pieces, 1)
         columns = np.maximum(ends - time[:, None] / self.measured.size, 0.0)
         return np.asarray(columns * self.measured[:, None])
 
     def _less_line(self, error: FloatArray, pieces: int, beside: FloatArray) -> FloatArray:
-        """Return a residual (K,) less the line of so many pieces that explains it best beside the nuisances."""
+        """Return a residual (K,) minus the line of so many pieces that fits it best together with the nuisances."""
         line = np.column_stack([beside, self._columns(pieces)])
         return np.asarray(error - combined(line, least_norm(line, error, WEAKEST)[0]))
 

@@ -1,14 +1,14 @@
 r"""Search for a change of the plant within a record that one model explains.
 
-A change that is small beside the noise hides from the residual's power, and from a model that has learned on.  The sums
-of the score since each of some samples b,
+A change that is small compared with the noise is not visible in the residual's power, nor with a model that has adapted
+to it.  The sums of the score from each of some samples b on,
 
 .. math:: g_b = \sum_{k \ge b} \zeta_k w_k, \quad C_b = M_b - M_b M^{-1} M_b,
     \quad M_b = \sum_{k \ge b} \zeta_k \zeta_k^T,
 
-are normal with mean zero and covariance :math:`\sigma^2 C_b` where one model holds, so that
-:math:`g_b^T C_b^{-1} g_b / \sigma^2` is chi-squared.  What the nuisances of the samples since explain is projected out:
-a load moves these.  Where the largest over all b is no chance, suppositions since then compete
+are normal with mean zero and covariance :math:`\sigma^2 C_b` if one model holds, so that
+:math:`g_b^T C_b^{-1} g_b / \sigma^2` is chi-squared.  The nuisances of the samples from b on are projected out, as a
+load changes them.  If the largest statistic over all b is significant, suppositions of a change at b compete
 (`replant.estimation.solver.change_contest`) with that of one model.
 
 Source: Andrews (1993), "Tests for parameter instability and structural change with unknown change point", Econometrica
@@ -41,22 +41,22 @@ from replant.numerics.linear_algebra import (
 )
 from replant.numerics.projections import weights_by
 
-# a change in between loses a thirty-second of the samples that tell it
-BEGINS = 32  # samples since which a change is looked for, evenly spread over the record [count]
-# their variance is then known to a sixth, and a block is long beside the colour that a noise model leaves
-BLOCKS = 64  # blocks of samples whose scores tell how these scatter [count]
+# a change between two of them loses at most a thirty-second of its samples
+BEGINS = 32  # samples tried as the begin of a change, evenly spread over the record [count]
+# their variance is then known to a sixth, and a block is long compared with the colour that a noise model leaves
+BLOCKS = 64  # blocks of samples, whose sums of scores give the scatter [count]
 
 
 class PlantChange(NamedTuple):
-    """That no one G(s) explains a record."""
+    """A change of the plant within a record: no single G(s) explains it."""
 
-    samples: int  # since the plant has changed
-    goes_on: bool = False  # whether it changes before and since, too: it drifts, or is not linear
+    samples: int  # since the change
+    goes_on: bool = False  # whether the plant also changes before or after it: it drifts, or is not linear
 
 
 @quiet
 def change_within(structure: Structure, record: Record, parameters: FloatArray) -> PlantChange | None:
-    """Return that the plant has changed within a record, or changes on and on; None where one G(s) may explain it."""
+    """Return the change of the plant within a record, perhaps a continual one; None if one G(s) may explain it."""
     if len(record.parts) > 1:
         return None
     model = without_nuisances(structure, parameters)
@@ -72,7 +72,7 @@ def change_within(structure: Structure, record: Record, parameters: FloatArray) 
 
 
 class ClaimedChange(NamedTuple):
-    """What of the plant has changed at a sample, all claims about that, and whether it changes elsewhere, too."""
+    """The accepted claim about a change of the plant, all claims, and whether the plant also changes elsewhere."""
 
     claim: Claim
     claims: list[Claim]
@@ -81,7 +81,7 @@ class ClaimedChange(NamedTuple):
 
 @quiet
 def change_at(structure: Structure, record: Record, model: FloatArray, begin: int) -> ClaimedChange | None:
-    """Return what of the plant has changed at a sample; None where a model (T,) of all explains it."""
+    """Return the change of the plant at a sample; None if a model (T,) of all samples, or a load, explains them."""
     before = refine(structure, record.first(begin), [model], afresh=True)
     if before is None or not before.settled:
         return None
@@ -97,7 +97,7 @@ def change_at(structure: Structure, record: Record, model: FloatArray, begin: in
     found = decided(claims)
     if found is None or not found.supposition.is_of_plant:
         return None
-    # what changes on and on is no linear plant that has changed; the change itself may lie somewhat beside the sample
+    # a plant that changes continually is not a linear one that has changed; the change may lie near the sample
     away = least_since(structure)
     goes_on = begin_of_change(structure, record.first(max(begin - away, 1)), before.theta)
     goes_on = goes_on or begin_of_change(structure, contest.since.last(contest.since.u.size - away), found.theta)
@@ -106,7 +106,7 @@ def change_at(structure: Structure, record: Record, model: FloatArray, begin: in
 
 @quiet
 def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> int:
-    """Return the sample since which a model (T,) fits the record worst; 0 where that may be chance."""
+    """Return the most significant begin of a change, given a model (T,) of the record; 0 if it may be chance."""
     from replant.kernels.filters.sums import explain
 
     size, fewest = structure.coefficients, least_since(structure)
@@ -115,20 +115,20 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
     bare = without_nuisances(structure, model[:size])
     with borrowed(record.u.size, bare.size + 1) as signals:
         beside = Problem(structure, record).scores(bare, signals)
-        # of the model with its nuisances, in which the residual is linear
+        # the nuisances are fitted by these sums, as the residual is linear in them
         sums = sums_of_products(signals)[0]
         weights = weights_by(sums[size:-1, size:-1], sums[size:-1, -1])
         error, count = np.empty(len(signals)), max(record.count, 1)
         power = explain(signals, size, weights, error) / count
-        if not math.sqrt(power) * beside >= HARMLESS * record.spread:  # nor where it is NaN
+        if not math.sqrt(power) * beside >= HARMLESS * record.spread:  # or NaN
             return 0
         noise = Autoregression.of_residual(error, record.predecessors, count)
         return surest_begin(noise.whiten_known(signals, record.predecessors), size, fewest, record.count)[0]
 
 
 def surest_begin(signals: FloatArray, size: int, fewest: int, count: int) -> tuple[int, float]:
-    """Return the sample since which ``size`` entries of a model fit worst, and how sure that is; 0 by chance."""
-    # signals (K, T + 1): whitened slopes, of nuisances, too, and residual of ``count`` outputs
+    """Return the most significant begin of a change of ``size`` entries, and statistic over limit; 0 by chance."""
+    # signals (K, T + 1): whitened slopes, also of nuisances, and residual, of ``count`` outputs
     samples = len(signals)
     if samples < 3 * fewest:
         return 0, 0.0
@@ -164,12 +164,12 @@ def _scatter(products: FloatArray, begin: int) -> float:
 
 
 def _sums(signals: FloatArray, begins: IntArray) -> FloatArray:
-    """Return the sums of products (1 + B, T + 1, T + 1) of all samples, and since some ascending ones."""
+    """Return the sums of products (1 + B, T + 1, T + 1) of all samples, and from some ascending ones on."""
     return np.ascontiguousarray(np.cumsum(sums_of_products(signals, begins)[::-1], axis=0)[::-1])
 
 
 def _worst(since: FloatArray, size: int, begins: IntArray) -> tuple[float, int]:
-    """Return the largest statistic of `_sums`, and the sample since which it is."""
+    """Return the largest statistic of `_sums`, and its sample."""
     from replant.kernels.monitoring import changes
 
     statistics, twice = np.empty(begins.size), 2 * (since.shape[1] - 1)

@@ -1,20 +1,20 @@
-r"""The test for feedback: whether a record's input answers the residual of a model.
+r"""The test for feedback: whether a record's input responds to the residual of a model.
 
-The input is told by its own past, as far back as Akaike's criterion asks.  Of what that leaves the ranks are kept, as
-normal scores :math:`v_k`: a few steps of the set-point would hide the answer else.  In open loop the whitened residuals
-now and before, :math:`w_{k-j}` less what the same past tells of them, :math:`z_k`, explain nothing of it:
+The input is regressed on its own past, with a number of lags by Akaike's criterion.  The remainder is replaced by the
+normal scores :math:`v_k` of its ranks, as a few large steps of the set-point would hide the response.  The present and
+past whitened residuals :math:`w_{k-j}`, minus their regression on the same past, are :math:`z_k`.  In open loop
 
 .. math:: s = \sum_k z_k v_k, \qquad s^T \left(\sum_k z_k z_k^T v_k^2\right)^{-1} s \sim \chi^2_{11},
 
-whatever the distribution of the residual (White).  Samples whose past is broken do not count: by a lost row the input
-is told badly there and nowhere else.  At j = 0 feedback cannot be told from a direct path of the plant.  A model with a
-direct path has taken it up, and the test begins at j = 1.
+for any distribution of the residual (White).  Samples with a gap in their past are left out, as the regression is wrong
+there.  At j = 0 feedback cannot be distinguished from a direct path of the plant.  A model with a direct path includes
+it, and the test begins at j = 1.
 
-Of several inputs what the others are and were tells as the past does: an input that follows them explains what a wrong
-structure leaves of them, and answers nothing.
+With several inputs, the present and past of the other inputs join the regression: an input that follows the others
+correlates with the error of a wrong structure without any feedback.
 
-Akaike's criterion also tells how many residuals the answering part of the input is made of: a loop rings for longer
-than the test looks.
+Akaike's criterion also chooses the number of residuals that form the responding part of the input: a loop rings for
+longer than the lags of the test.
 
 Sources: Soderstrom and Stoica (1989), "System Identification", section 11.2 and chapter 10; Sims (1972), "Money,
 income, and causality", American Economic Review 62; White (1980), "A heteroskedasticity-consistent covariance matrix
@@ -38,52 +38,52 @@ from replant.numerics.linear_algebra import combined, inner, least_norm, product
 from replant.numerics.projections import orthogonal
 from replant.numerics.robust import normal_scores
 
-# a digital controller answers at the next sample; what answers later alone hardly feeds back
-ANSWERS = 10  # latest residual whose answer shows feedback, beside the present one [samples]
+# a digital controller responds at the next sample; a response at later samples alone is hardly feedback
+ANSWERS = 10  # largest lag of a residual in the test [samples]
 
-# Akaike chooses; of 42 recorded logs none needs more
-LONGEST = 120  # own past values that tell the input at the most [samples]
-DIGITS = 1e-8  # part of a column's square that the others leave, above which half of the digits are left [ratio]
-SHORTEST = 15  # of them that are looked at first [samples]
+# Akaike's criterion chooses; of 42 recorded logs none needs more
+LONGEST = 120  # most past values in the regression of the input [samples]
+DIGITS = 1e-8  # unexplained part of a column's square above which a Cholesky factor keeps half of the digits [ratio]
+SHORTEST = 15  # past values tried first [samples]
 
 PER_COLUMN = 12
-"""Samples for each of them [samples].
-Origin: of 250 random inputs of 200 to 600 samples with feedback, a tenth to four tenths of their amplitude, 80 % show
-it at 0.1 %; without feedback none does, and 5 % at a level of 5 %.
-Sensitivity: halved 78 %, doubled 65 %; the level stays.
+"""Samples per past value in the regression [samples].
+Origin: of 250 random inputs of 200 to 600 samples, feedback of a tenth to four tenths of their amplitude is found in
+80 % at a level of 0.1 %; without feedback in none, and in 5 % at a level of 5 %.
+Sensitivity: halved, it is found in 78 %, doubled, in 65 %; the level is kept.
 """
 
-NEWEST = 20_000  # samples that they are fitted to at the most, for the time it takes [samples]
-RANK = 1e-12  # of a singular value, below which it is none [part of the largest]
-ROUNDING = 1e-6  # of an input or a residual that something else tells completely this is left [part of its amplitude]
-LOUDEST = 3.0  # amplitude of an answer beside the input; a louder one comes of a filter that is nearly unstable [ratio]
+NEWEST = 20_000  # most samples of the regression, for its time [samples]
+RANK = 1e-12  # singular value that counts as zero [part of the largest]
+ROUNDING = 1e-6  # remainder of a signal that is explained completely [part of its amplitude]
+LOUDEST = 3.0  # largest amplitude of a response over the input's; a larger one is a nearly unstable filter's [ratio]
 
 
 @dataclass(frozen=True, eq=False)
 class Feedback:
-    """How an input answers a residual."""
+    """How an input responds to a residual."""
 
-    chance: float = 1.0  # of so much of it in open loop
-    later: float = 1.0  # the same of residuals before alone
+    chance: float = 1.0  # p-value of open loop
+    later: float = 1.0  # the same by past residuals alone
     at_once: float = 0.0  # correlation of input and residual of the same sample, in standard deviations
-    part: float = 0.0  # what residuals tell of the input, of the power of what its past does not
+    part: float = 0.0  # share of the input's power, as far as its past does not explain it, that residuals explain
 
     @property
     def found(self) -> bool:
-        """Whether the input answers."""
+        """Whether there is feedback."""
         return self.chance < ALPHA
 
     @property
     def is_at_once(self) -> bool:
-        """Whether it answers the residual of the same sample alone, as a direct path of the plant would seem to."""
+        """Whether only the residual of the same sample shows feedback, as a direct path of the plant would."""
         return self.found and not self.later < ALPHA
 
     def is_direct(self, structure: Structure, model: FloatArray) -> bool:
-        """Return whether input and residual of the same sample move together as a plant's output follows its input."""
+        """Return whether the correlation at the same sample has the sign of the plant's response, unlike feedback."""
         from scipy import special  # slow to import
 
-        # a controller opposes a disturbance; what the plant does faster than the model moves the residual along with
-        # the input, by the sign of the model's first and last answer to a step, where these agree
+        # a controller opposes a disturbance; dynamics faster than the model correlate input and residual with the sign
+        # of the model's step response, if its first and last values agree in sign
         first, last = model[structure.poles], model[structure.coefficients - 1] * model[structure.poles - 1]
         return bool(first * last > 0.0) and float(special.ndtr(-self.at_once * np.sign(first))) < ALPHA
 
@@ -92,13 +92,13 @@ class Feedback:
 def answering(
     u: FloatArray, w: FloatArray, before: IntArray, first: int = 0, others: Sequence[FloatArray] = ()
 ) -> Feedback:
-    """Return how an input (K,), ``before`` (K,) told ones in a row, answers a whitened residual (K,), 0: unknown."""
-    # what others (K,) are and were tells input and residual as its own past does: the input may follow them
+    """Return how an input (K,) responds to a white residual (K,), 0 if unknown; ``before`` (K,): known predecessors."""
+    # present and past of ``others`` (K,) join the regression, as the input may follow them
     most = _most(before)
     rows = np.flatnonzero(before >= max(most, ANSWERS))[-NEWEST:]
     if rows.size < PER_COLUMN * (ANSWERS + 2):
         return Feedback()
-    # the past of an input tells it beside that of others, whatever their units
+    # scaled, as the inputs of one regression may differ in units
     u, *others = (_near_one(signal) for signal in (u, *others))
     now, told, _ = _answers(u, w, rows, most, range(first, ANSWERS + 1), others)
     if not sum_of_squares(now) > ROUNDING**2 * sum_of_squares(u):
@@ -113,7 +113,7 @@ def answering(
 
 @quiet
 def part_answering(u: FloatArray, w: FloatArray, before: IntArray) -> FloatArray:
-    """Return the part (K,) of an input in feedback that answers a whitened residual, carried on by its own past."""
+    """Return the part (K,) of an input that responds to a whitened residual, propagated by the input's own past."""
     most = _most(before)
     latest = max(most, ANSWERS)
     rows = np.flatnonzero(before >= latest)[-NEWEST:]
@@ -132,14 +132,14 @@ def _near_one(signal: FloatArray) -> FloatArray:
 def _answers(
     u: FloatArray, w: FloatArray, rows: IntArray, most: int, lags: range, others: Sequence[FloatArray] = ()
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what an input's past does not tell of it (K,), of residuals (K, L), and the past's weights of either."""
+    """Return input (K,) and residuals (K, L) minus their regression on the input's past, and its weights."""
     past, inverse = _known_past(u.tobytes(), most, rows.tobytes(), *(each.tobytes() for each in others))
     left, own = _untold(np.column_stack([u[rows], *(w[rows - lag] for lag in lags)]), past, inverse)
     return left[:, 0], left[:, 1:], own
 
 
 def _chance(moments: FloatArray) -> float:
-    """Return the chance of moments (K, C) so far from zero."""
+    """Return the p-value of zero expectation for moments (K, C)."""
     from scipy.special import chdtrc  # slow to import
 
     total = moments.sum(axis=0)
@@ -147,7 +147,7 @@ def _chance(moments: FloatArray) -> float:
 
 
 def _most(before: IntArray) -> int:
-    """Return how many past values may tell an input that has so many inputs ``before`` each (K,)."""
+    """Return the most past values in the regression of an input with ``before`` (K,) known predecessors."""
     longest = min(LONGEST, before.size // PER_COLUMN)
     whole = before.size - np.cumsum(np.bincount(np.minimum(before, longest), minlength=longest + 1))
     lags = np.arange(longest + 1)
@@ -155,13 +155,13 @@ def _most(before: IntArray) -> int:
     return int(lags[there >= (PER_COLUMN - 1) * lags][-1])
 
 
-@lru_cache(maxsize=1)  # a search asks of one input, structure by structure
+@lru_cache(maxsize=1)  # a search tests one input with many structures
 def _known_past(signal: bytes, most: int, samples: bytes, *others: bytes) -> tuple[FloatArray, FloatArray]:
-    """Return the past (K, C) that tells an input at some samples, as Akaike has it, and the inverse of its R."""
+    """Return the past (K, C) that explains an input at some samples, by Akaike's criterion, and its inverse R."""
     u, rows, beside = np.frombuffer(signal), np.frombuffer(samples, np.int64), [np.frombuffer(x) for x in others]
     told = [each for lag in range(1, most + 1) for each in ((u, lag), *((x, lag - 1) for x in beside))][:most]
     lags, best = -1, 0
-    while lags < most and 2 * best > lags:  # twice as far back only where the farther half tells something
+    while lags < most and 2 * best > lags:  # twice as many lags only if the farther half explains something
         lags = min(max(2 * lags, SHORTEST), most)
         past = np.column_stack([np.ones(rows.size), *(x[rows - lag] for x, lag in told[:lags]), u[rows]])
         upper = _triangle(past)
@@ -170,7 +170,7 @@ def _known_past(signal: bytes, most: int, samples: bytes, *others: bytes) -> tup
 
 
 def _fewest(upper: FloatArray, samples: int) -> int:
-    """Return by how many columns Akaike's criterion tells the last one, from R of all of them."""
+    """Return how many columns explain the last one by Akaike's criterion, from R of all."""
     told = np.append(0.0, np.cumsum(upper[:-1, -1] ** 2))
     power = told[-1] + upper[-1, -1] ** 2
     left = np.maximum(power - told, 1e-14 * power)
@@ -178,7 +178,7 @@ def _fewest(upper: FloatArray, samples: int) -> int:
 
 
 def _triangle(columns: FloatArray) -> FloatArray:
-    """Return R of columns (K, C): of their products, which takes a third of the time, where the digits suffice."""
+    """Return R of columns (K, C), from their products in a third of the time if the digits suffice."""
     squares = products(columns, columns)
     try:
         upper = np.asarray(np.linalg.cholesky(squares).T)
@@ -188,16 +188,16 @@ def _triangle(columns: FloatArray) -> FloatArray:
 
 
 def _untold(signals: FloatArray, past: FloatArray, inverse: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what a past (K, C), R inverted, does not tell of signals (K, S), and the weights (C, S) of the rest."""
+    """Return signals (K, S) minus their regression on a past (K, C) with inverse R, and its weights (C, S)."""
     weights = np.zeros((past.shape[1], signals.shape[1]))
-    for _ in range(2):  # once more, for what rounding left
+    for _ in range(2):  # twice, to remove rounding
         more = inverse @ (inverse.T @ products(past, signals))
         signals, weights = signals - combined(past, more), weights + more
     return signals, weights
 
 
 def _carried(push: FloatArray, own: FloatArray, u: FloatArray) -> FloatArray:
-    """Return what a push (K,) makes of an input (K,) that its own past carries on."""
+    """Return the response of an input's autoregression to a push (K,); the push itself if that is too large."""
     from replant.kernels.filters.autoregressions import all_pole
 
     answer = all_pole(np.append(1.0, -own), push[None])[0]

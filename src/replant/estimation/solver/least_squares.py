@@ -20,14 +20,14 @@ from replant.numerics.linear_algebra import least_norm, quiet
 RANK_TOLERANCE = 1e-10  # singular value of the scaled regressor that counts as zero [part of the largest]
 SLOWEST_CUTOFF = 10.0  # slowest cutoff tried: five time constants are half the record [1 / duration of the record]
 CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm [count]
-MOST_SAMPLES = 20_000  # samples looked at for the choice [samples]
+MOST_SAMPLES = 20_000  # most samples used for the choice [samples]
 
 
 def regressors(
     structure: Structure, dt: float, state_filter: StateVariableFilter, preprocess: Preprocess, u: FloatArray,
     y: FloatArray, t: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Return the regressors phi (K, P) and the target s^n/Lambda y (K,), in physical units; NaN where a sample is."""
+    """Return the regressors phi (K, P) and the target s^n/Lambda y (K,), in physical units; NaN where samples are."""
     from replant.kernels.step.stages import regressors as kernel
 
     if t is not None and state_filter.regular_only:
@@ -47,7 +47,7 @@ def regressors(
 class LeastSquares:
     """The solution of a least-squares problem."""
 
-    parameters: FloatArray  # (P,); of least norm in scaled parameters where the data do not determine all of them
+    parameters: FloatArray  # (P,); of least norm in scaled parameters where data do not determine them
     rank: int  # how many directions the data determine, at most P
     condition: float  # of the scaled regressors: largest over smallest singular value
 

@@ -1,12 +1,12 @@
-r"""Gaps of a record over which the output's level has changed: a load that has begun meanwhile.
+r"""Gaps of a record across which the output's level has changed, by a load that has begun in the gap.
 
-Behind a gap the initial state is unknown, the offset is that of before.  Freed of the initial states, and whitened, the
-residual e_i of each part has c_i of an offset of one in it.  Parts that share an offset leave
+After a gap the initial state is unknown, the offset is that of before.  Whitened, and with the initial states projected
+out, part i has the residual e_i, and the response c_i to a unit offset.  Parts with a common offset leave the power
 
 .. math:: \sum e_i^T e_i - (\sum c_i^T e_i)^2 / \sum c_i^T c_i .
 
-Each part has an offset of its own at first; gap by gap, the offsets on both sides become one where that costs least,
-until all gaps left are surely those of a load.
+At first each part has its own offset; gap by gap, the offsets on both sides are merged where that costs least, until
+all remaining gaps surely have a load.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from replant.numerics.projections import LEFT, without
 
 
 class _Part(NamedTuple):
-    """What samples that share an offset tell of it."""
+    """The information of samples on their common offset."""
 
     begin: int
     length: float  # c'c
@@ -40,13 +40,13 @@ class _Part(NamedTuple):
         return self.told**2 / self.length if self.length > 0.0 else 0.0
 
     def joined(self, later: _Part) -> _Part:
-        """Return what they tell of the offset that they share with the samples behind them."""
+        """Return the information of these and later samples on a common offset."""
         return _Part(self.begin, self.length + later.length, self.told + later.told)
 
 
 @quiet
 def loads_at_gaps(structure: Structure, record: Record, theta: FloatArray, noise: Autoregression) -> tuple[int, ...]:
-    """Return the gaps over which the offset beside a model (T,) has surely changed, each the sample that follows it."""
+    """Return the gaps across which the offset has surely changed, given a model (T,), each as the sample after it."""
     parts, power = _parts_of(structure, record, theta, noise)
     least, rounding = price(record.count), ROUNDING * sum_of_squares(record.y)
     while gaps := [place for place, part in enumerate(parts) if place and part.begin not in record.begins]:
@@ -64,7 +64,7 @@ def loads_at_gaps(structure: Structure, record: Record, theta: FloatArray, noise
 def cost_beside(
     structure: Structure, record: Record, theta: FloatArray, noise: Autoregression, loads: Sequence[int] = ()
 ) -> float:
-    """Return the power that a model (T,) leaves of a record, whitened, with other offsets since some of its gaps."""
+    """Return the power of the whitened residual of a model (T,), with new offsets after some gaps of the record."""
     (first, *others), power = _parts_of(structure, record, theta, noise)
     sharing = [first]
     for part in others:
@@ -76,19 +76,19 @@ def cost_beside(
 
 
 def price(count: int) -> float:
-    """Return by how much likelier another offset must make so many samples: by its number, and the odds against it."""
+    """Return the least log-likelihood gain of another offset with ``count`` samples: price, and odds against it."""
     return 0.5 * math.log(count) - math.log(ALPHA)
 
 
 def _more(before: _Part, since: _Part) -> float:
-    """Return by how much more is left where two parts share an offset."""
+    """Return the increase of the residual power if two parts share an offset."""
     return max(before.explained + since.explained - before.joined(since).explained, 0.0)
 
 
 def _parts_of(
     structure: Structure, record: Record, theta: FloatArray, noise: Autoregression
 ) -> tuple[list[_Part], float]:
-    """Return what each part of a record tells of its offset, and the power that is left without one."""
+    """Return the information of each part of a record on its offset, and the residual power without an offset."""
     model = AuxiliaryModel(structure, record.dt, record.input_hold, margin=stability_margin(record))
     nuisances, entries = structure.poles + 1, np.zeros(model.entries)
     entries[: structure.coefficients] = theta[: structure.coefficients]

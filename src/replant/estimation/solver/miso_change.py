@@ -1,20 +1,19 @@
 """Search for a change within a record of several inputs: of a load, or of the plant.
 
-The scores since each sample tell where one model fits the record worst (`replant.estimation.solver.change_search`): of
-the offset for a load, of the coefficients for the plant.  A model that was solved with the change is a bad judge: a
-slow branch follows a load, and an autoregression takes it for noise.  Those that were solved while the record was
-shorter, or of parts of it, judge, too.  Since the samples found suppositions then compete, over the same outputs:
+The scores from each sample on show where one model fits the record worst (`replant.estimation.solver.change_search`):
+those of the offset for a load, of the coefficients for the plant.  A model of a record with the change is a bad judge:
+a slow branch follows a load, and an autoregression takes it for noise.  Therefore models of the record when it was
+shorter, or of parts of it, are judges, too.  At the samples found suppositions then compete, over the same outputs:
 
     NOTHING   one model, with one offset and one initial state of each branch
-    LOAD      one model; since the sample there is a step at the output or at one input, or whatever makes offset and
-              initial states new
-    PLANT     one branch is another one since the sample, or there is a model before and another one since
+    LOAD      one model; from the sample on a step at the output or at one input, or a new offset and new initial
+              states
+    PLANT     one branch is another one from the sample on, or the whole model is
 
-Each fitted number costs ln(K) / 2 (Bayes' criterion), and either change -ln `ALPHA`: the odds against it before any
-sample.  The noise is that of before; NOTHING and a load may have one of their own, as a drift is noise to both.
+Each fitted number costs ln(K) / 2 (Bayes' criterion), and either change -ln `ALPHA`, the prior odds against it.  The
+noise model is that of the samples before; NOTHING and LOAD may have their own, as a drift is noise to both.
 
-Whether a load was a load is asked again at each look, as long as it is the newest one: the samples since may tell that
-the plant has changed with it.
+The newest load is tested again in each search: later samples may show that the plant has changed with it.
 """
 
 from __future__ import annotations
@@ -39,36 +38,36 @@ from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import combined, least_norm, products, quiet, sum_of_squares
 from replant.numerics.projections import WEAKEST
 
-# of 12 records with three loads each 2 to 9 of them serve alike, those of a place once alone worse
-SUSPECTED = 3  # samples since which suppositions compete, where the scores do [count]
-# a thousandth of what the odds against a change are
-TOLD = 0.01  # evidence that a step is worth below which steps towards a supposition end [nats]
+# with 12 records of three loads each, 2 to 9 of them give equal results
+SUSPECTED = 3  # most samples at which suppositions compete [count]
+# a thousandth of the odds against a change
+TOLD = 0.01  # gain of evidence by a step below which the fit of a supposition ends [nats]
 
 
 class Judge(NamedTuple):
     """A model of the record while it was shorter, or of a part of it."""
 
     theta: FloatArray  # (P,)
-    noise: Autoregression  # what it left
+    noise: Autoregression  # of its residual
 
     @classmethod
     def of(cls, row: Row, theta: FloatArray) -> Judge:
-        """Return a model with the noise that it leaves of a row."""
+        """Return a model with the noise model of its residual in a row."""
         return cls(theta, noise_of(row, evaluate(row, theta, Autoregression.white(1.0, row.count))))
 
 
 @dataclass(frozen=True)
 class Change:
-    """What has changed, and how many samples of the row were before."""
+    """What has changed, and the number of samples of the row before it."""
 
     supposition: Supposition
     begin: int
-    evidence: float  # logarithm of the evidence over that of no change, the odds against it beforehand aside
+    evidence: float  # logarithm of the evidence over that of no change, without the prior odds
 
 
 @quiet
 def find_change(row: Row, theta: FloatArray, judges: Sequence[Judge] = ()) -> Change | None:
-    """Return what has changed in a row's last stretch, or with its begin; None also where references move inputs."""
+    """Return the change in a row's last stretch, or at its begin; None without one, or if references move inputs."""
     end = row.record.u.size
     if not row.stretches or row.stretches[-1].rows.stop < end or row.outside is not None:
         return None
@@ -85,7 +84,7 @@ def find_change(row: Row, theta: FloatArray, judges: Sequence[Judge] = ()) -> Ch
 def likeliest_change(
     row: Row, theta: FloatArray, judges: Sequence[Judge], *, of_any_noise: bool = True
 ) -> Change | None:
-    """Return what is surest to have changed in a row of one stretch; None where nothing is."""
+    """Return the surest change in a row of one stretch; None if none is sure."""
     begins = set(_suspected(row, theta, judges))
     first = row.parted(min(begins))[0] if begins else row
     if not begins or first.count <= row.nuisances + theta.size:
@@ -94,10 +93,10 @@ def likeliest_change(
     begins |= {_Fitted.of(row, before).worst(noise, of_plant=False)} - {0}
     known = without_unknown(row, begins)
     found = _surest(known, begins, [theta, before], noise, of_any_noise)
-    # of several changes one is told beside the noise of before alone: what no change leaves takes the others for noise
+    # among several changes, only the noise from before counts: a noise model of NOTHING includes the other changes
     if found is None or not of_any_noise:
         return found
-    # one model may explain all, but be far from these
+    # one model that explains all samples may be far from these
     models = [theta, before, *(each.theta for each in start(row.structures, known.record, row.inputs, noise))]
     return _surest(known, {found.begin}, models, noise)
 
@@ -105,7 +104,7 @@ def likeliest_change(
 def _surest(
     row: Row, begins: set[int], models: list[FloatArray], noise: Autoregression, of_any_noise: bool = True
 ) -> Change | None:
-    """Return what is surest to have changed at one of some samples; None where nothing is sure to."""
+    """Return the surest change at one of some samples; None if none is sure."""
     claims = [claim for begin in sorted(begins) for claim in _claims(row, begin, models, noise, of_any_noise)]
     load, plant = (
         max((each for each in claims if each.supposition is what), key=lambda each: each.evidence, default=None)
@@ -116,13 +115,13 @@ def _surest(
     base, part = max(load.evidence, 0.0), row.parted(plant.begin)[0]
     more = weighed(plant.evidence - base, *dispersion_before(part, models, noise, row.record.u.size - plant.begin))
     odds = -math.log(ALPHA)
-    # what a load explains nearly as well is one: it is asked again
+    # a change that a load explains nearly as well counts as a load, which is tested again
     best = replace(plant, evidence=base + more) if more > (odds if base > odds else 0.0) else load
     return best if best.evidence > odds else None
 
 
 def _suspected(row: Row, theta: FloatArray, judges: Sequence[Judge]) -> list[int]:
-    """Return since when models fit worst, the surest first, at most `SUSPECTED` of them."""
+    """Return the most significant begins of a change, the surest first, at most `SUSPECTED`."""
     model = _Fitted.of(row, theta)
     found = [model.surest(model.noise(), of_plant=True)]
     found += [model.surest(noise, of_plant=False) for noise in model.noise_of_parts(2)]
@@ -137,21 +136,21 @@ def _suspected(row: Row, theta: FloatArray, judges: Sequence[Judge]) -> list[int
 
 
 def is_suspect(row: Row, theta: FloatArray, *, of_plant: bool = False) -> bool:
-    """Return whether another load, or plant, seems to act in a row of one stretch, by the noise of half its parts."""
+    """Return whether a load, or another plant, seems to begin in a row of one stretch, by half of the noise models."""
     model = _Fitted.of(row, theta)
     if of_plant and model.worst(model.noise(), of_plant=True):
         return True
-    # the noise of a part in which a load begins takes it for noise; that of a calm part takes a drift for a load
+    # the noise model of a part with a load includes the load; with that of a calm part, a drift looks like a load
     noises = [noise for parts in (2, 4) for noise in model.noise_of_parts(parts)]
     return 2 * sum(model.surest(noise, of_plant=False)[0] > 0 for noise in noises) >= len(noises)
 
 
 def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge] = ()) -> Change | None:
-    """Return that the plant has changed where a stretch begins; None where the samples on both sides do not tell it."""
+    """Return the change of the plant at the begin of a stretch; None if the samples on both sides show none."""
     before, since = row.parted(begin)
     if not (before.stretches and since.stretches):
         return None
-    # to first order; what a model of both sides leaves would take the change for noise
+    # to first order; the noise model of both sides would include the change
     quick = Judge.of(before, refine(before, theta, Autoregression.white(1.0, before.count)).theta)
     least = 0.5 * min(each.size for each in row.structures) * math.log(row.count) - math.log(ALPHA)
     if _explained_by_a_step(since, *quick) < least:
@@ -162,12 +161,12 @@ def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge
     if all(0.0 < cost < math.inf for cost in (together, *apart)):
         evidence = 0.5 * row.count * math.log(together / sum(apart)) - 0.5 * theta.size * math.log(row.count)
         evidence = weighed(evidence, *dispersion(before, Judge(known, noise), since.record.u.size))
-    if begin in row.record.begins:  # not behind a gap, which a branch cannot be followed over
+    if begin in row.record.begins:  # not after a gap, over which a branch cannot be followed
         first = max(each.rows.start for each in row.stretches if each.rows.start < begin)
         end = min(each.rows.stop for each in row.stretches if each.rows.stop > begin)
         record = replace(row.record.part(slice(first, end)), begins=())
         joined = row.over(record, row.inputs[first:end])
-        # what was a load at first may have begun elsewhere
+        # a change that was first taken for a load may have begun elsewhere
         begins = {begin - first, *_suspected(joined, theta, judges)}
         found = _surest(without_unknown(joined, begins), begins, [theta, known], noise)
         if found is not None and found.supposition is Supposition.PLANT:
@@ -176,7 +175,7 @@ def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge
 
 
 def _explained_by_a_step(row: Row, theta: FloatArray, noise: Autoregression) -> float:
-    """Return how much likelier one step from a model makes a row, to first order."""
+    """Return the log-likelihood gain of a row by one step from a model, to first order."""
     point = evaluate(row, theta, noise)
     told = summed(point.phi, point.error)
     explained = float(told @ least_norm(point.information, told, WEAKEST)[0])
@@ -184,8 +183,8 @@ def _explained_by_a_step(row: Row, theta: FloatArray, noise: Autoregression) -> 
 
 
 def _model_before(before: Row, theta: FloatArray, judges: Sequence[Judge]) -> tuple[FloatArray, Autoregression]:
-    """Return the best model of the samples before a change, and the noise that it leaves."""
-    # a model that the change has led astray is no judge of it, nor is its noise: it takes the change for noise
+    """Return the best model of the samples before a change, and its noise model."""
+    # a model that was fitted to the change is no judge of it, nor is its noise model, which includes the change
     models, noise = [theta, *(judge.theta for judge in judges)], Autoregression.white(1.0, before.count)
     for _ in range(2):
         if not judges:
@@ -198,7 +197,7 @@ def _model_before(before: Row, theta: FloatArray, judges: Sequence[Judge]) -> tu
 def _claims(
     row: Row, begin: int, models: list[FloatArray], noise: Autoregression, of_any_noise: bool
 ) -> Iterator[Change]:
-    """Yield what a load and another plant since a sample explain, where the samples tell."""
+    """Yield a load and a change of the plant at a sample with their evidence, if there are enough samples."""
     parts, numbers = row.parted(begin), row.nuisances + models[0].size
     if any(part.count <= numbers for part in parts):
         return
@@ -224,19 +223,19 @@ def _claims(
 
 
 def _with_own_noise(row: Row, point: Point, noise: Autoregression) -> tuple[float, Autoregression]:
-    """Return the cost of a model with the noise that it leaves, where that is less, and this noise."""
+    """Return the cost of a model, with its own noise model if that is less, and its own noise model."""
     own = noise_of(row, point)
     cost = refine(row, point.theta, own, point, done=_told(row)).cost
     return min(point.cost, cost * worth_of_lags(row, own, noise)), own
 
 
 def worth_of_lags(row: Row, own: Autoregression, noise: Autoregression) -> float:
-    """Return by how many times a noise model with more lags than another one must make a cost less."""
+    """Return the factor by which a noise model must lower a cost to be worth its more lags than another one's."""
     return float(row.count ** (max(own.order - noise.order, 0) / row.count))
 
 
 def _cost_of_step(row: Row, begin: int, theta: FloatArray, noise: Autoregression) -> float:
-    """Return the cost of a model whose load is a step since a sample: at the output, or at one input."""
+    """Return the cost of a model with a load step at a sample, at the output or at one input."""
     (stretch,) = row.stretches
     model = _Fitted.of(row, theta)
     columns, error = model.whitened(noise)
@@ -253,11 +252,11 @@ def _cost_of_step(row: Row, begin: int, theta: FloatArray, noise: Autoregression
 
 
 def _costs_of_branches(row: Row, begin: int, theta: FloatArray, noise: Autoregression) -> Iterator[tuple[float, int]]:
-    """Yield the cost of another branch since a sample, and how many numbers it has, for each of the branches."""
+    """Yield for each branch the cost of another one from a sample on, and the count of its coefficients and states."""
     centred = row.inputs - row.inputs.mean(axis=0)
     is_since = np.arange(len(centred)) >= begin
     for number, (structure, branch) in enumerate(zip(row.structures, row.branches(theta), strict=True)):
-        # what the old branch has kept dies out as it does
+        # the state of the old branch decays by its own poles
         inputs = np.column_stack([centred, np.where(is_since, centred[:, number], 0.0)])
         inputs[is_since, number] = 0.0
         both = Row((*row.structures, structure), row.record, inputs)
@@ -268,7 +267,7 @@ def _costs_of_branches(row: Row, begin: int, theta: FloatArray, noise: Autoregre
 def dispersion_before(
     before: Row, models: Sequence[FloatArray], noise: Autoregression, length: int
 ) -> tuple[float, float]:
-    """Return `dispersion_of` the samples before a change, in stretches of so many."""
+    """Return `dispersion_of` the samples before a change, in stretches of ``length``."""
     model = _Fitted.of(before, _best(before, models, noise).theta)
     score, white = model.whitened(noise)
     variance = sum_of_squares(white) / max(before.count - score.shape[1], 1)
@@ -276,7 +275,7 @@ def dispersion_before(
 
 
 def dispersion(row: Row, judge: Judge, length: int | None = None) -> tuple[float, float]:
-    """Return by how much a model fits parts of so many samples differently, and by how many numbers that is known."""
+    """Return the mean `dispersion_of` a model over the stretches of a row, and its degrees of freedom."""
     parts = (row.part(stretch.rows) for stretch in row.stretches)
     found = [dispersion_before(part, [judge.theta], judge.noise, length or part.record.u.size) for part in parts]
     known = [(each, numbers) for each, numbers in found if math.isfinite(numbers)]
@@ -285,18 +284,18 @@ def dispersion(row: Row, judge: Judge, length: int | None = None) -> tuple[float
 
 
 def _best(row: Row, models: Sequence[FloatArray], noise: Autoregression) -> Point:
-    """Return the point of least cost that steps from some models lead to."""
+    """Return the point of least cost among those refined from some models."""
     paths = (path(row, theta, noise, done=_told(row)) for theta in models)
     return min(ends_of(row, paths), key=lambda point: point.cost)
 
 
 def _told(row: Row) -> float:
-    """Return the part of a cost that is `TOLD` of evidence."""
+    """Return the relative decrease of a cost that is worth `TOLD`."""
     return 2.0 * TOLD / max(row.count, 1)
 
 
 def _changes_on(row: Row, begin: int, theta: FloatArray) -> bool:
-    """Return whether a plant changes before and since a sample, too: what changes on and on is not linear."""
+    """Return whether a plant also changes before or after a sample: one that changes continually is not linear."""
     white = Autoregression.white(1.0, row.count)
     away = _fewest(row, theta.size)  # the change itself lies near the sample
     parts = row.parted(max(begin - away, 1))[0], row.parted(min(begin + away, row.record.u.size - 1))[1]
@@ -305,13 +304,13 @@ def _changes_on(row: Row, begin: int, theta: FloatArray) -> bool:
 
 
 def _fewest(row: Row, size: int) -> int:
-    """Return the fewest samples before or since a change of a model that are looked into."""
+    """Return the fewest samples needed before and after a change of a model."""
     return max(4 * (size + row.nuisances), SOONEST)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    """A model of a row of one stretch with the offset and initial states that fit it: slopes and what it leaves."""
+    """A model of a row of one stretch with fitted offset and initial states: slopes and residual."""
 
     row: Row
     size: int  # of the model
@@ -327,7 +326,7 @@ class _Fitted:
         return cls(row, theta.size, np.column_stack([slopes, free]), np.where(rows, left, 0.0))
 
     def noise(self, rows: BoolArray | bool = True) -> Autoregression:
-        """Return the noise model of the error, or of some of its rows (K,), which have an offset of their own."""
+        """Return the noise model of the error, or of some of its rows (K,), minus their mean."""
         (stretch,) = self.row.stretches
         used = stretch.measured & rows
         level = float(self.error[used].mean()) if used.any() else 0.0
@@ -335,7 +334,7 @@ class _Fitted:
         return Autoregression.of_residual(error, np.where(rows, stretch.known, 0), int(used.sum()))
 
     def noise_of_parts(self, count: int) -> list[Autoregression]:
-        """Return that of so many parts: that of all takes the step of a load for noise."""
+        """Return the noise models of ``count`` parts, as that of the whole includes the step of a load."""
         number = np.arange(self.error.size) * count // self.error.size
         return [self.noise(number == part) for part in range(count)]
 
@@ -345,11 +344,11 @@ class _Fitted:
         return self.row.whitened(noise, self.columns, stretch), self.row.whitened(noise, self.error, stretch)
 
     def worst(self, noise: Autoregression, *, of_plant: bool) -> int:
-        """Return the sample since which coefficients or offset fit worst; 0 where that may be chance."""
+        """Return the most significant begin of a change of coefficients or offset; 0 if it may be chance."""
         return self.surest(noise, of_plant=of_plant)[0]
 
     def surest(self, noise: Autoregression, *, of_plant: bool) -> tuple[int, float]:
-        """Return the same, and how sure it is."""
+        """Return the same, and its statistic over the limit."""
         (stretch,) = self.row.stretches
         if float(np.std(self.error)) < HARMLESS * float(np.std(stretch.y[stretch.measured])):
             return 0, 0.0
@@ -360,7 +359,7 @@ class _Fitted:
 
 
 def without_unknown(row: Row, begins: set[int]) -> Row:
-    """Return the row without outputs that answer to inputs before a begin: all suppositions are told by the same."""
+    """Return the row without outputs that depend on inputs before a begin: all suppositions use the same outputs."""
     measured = row.record.is_measured.copy()
     for begin in begins:
         since = row.record.last(row.record.u.size - begin)

@@ -1,16 +1,16 @@
 """The joint steps of a row: y = sum_i B_i/A_i u_i + offset + free responses + noise, each input with poles of its own.
 
 theta <- theta + (sum phi phi')^-1 sum phi D e, with whitened slopes phi, damped until the error falls.  The fixed
-point is the maximum of likelihood.
+point is the maximum-likelihood estimate.
 
-Where references move inputs, the instruments zeta of what comes from outside take the place of phi in front:
+If references move inputs, instruments zeta from external signals replace phi as the left factor:
 theta <- theta + (sum zeta phi')^-1 sum zeta D e.  The fixed point, where they explain nothing of the error, is
-consistent whatever the noise and the controller.
+consistent for any noise and controller.
 
-A row starts from one denominator with the poles of all branches, from which each branch gets its own.  A common
-denominator with many poles fits without having the poles of the branches.  Each branch is therefore reduced to its own
-number of poles and refined on what it alone does; and the poles are dealt to the branches in every way.  Of 200 random
-rows of three inputs, starts that lead to the minimum near the truth: reduced 192, dealt 192, both 196.
+A row starts from one common denominator with as many poles as all branches together, from which each branch gets its
+own.  It fits even if its poles are not those of the branches.  Each branch is therefore reduced to its own number of
+poles and refined on its own output; and the poles are dealt to the branches in every way.  With 200 random rows of
+three inputs these starts lead to the minimum near the truth: reduced in 192, dealt in 192, both in 196.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import combined, least_norm, quiet, roots, sum_of_squares
 from replant.numerics.projections import WEAKEST, orthogonal
 
-STEPS = 30  # at the most [count]
+STEPS = 30  # most steps [count]
 
-# of 10,000 samples it is a ten-thousandth of a unit of chi-square
+# with 10,000 samples a ten-thousandth of a unit of chi-square
 DONE = 1e-8  # decrease of the cost below which the steps end [part of the cost]
 
 # the estimate is then a thousandth of a standard deviation from the fixed point
-STILL = 1e-6  # what slopes or instruments explain of the error, below which steps end [variances of the error]
+STILL = 1e-6  # power explained by slopes or instruments below which steps end [variances of the error]
 
-HALVINGS = 12  # of a step with instruments, at the most [count]
-DAMPING = (1e-3, 6.0, 8)  # first damping [part of the diagonal], its growth after a step that fails, tries [ratios]
+HALVINGS = 12  # lengths tried of a step with instruments, each half of the last [count]
+DAMPING = (1e-3, 6.0, 8)  # first damping [part of the diagonal], its growth after a failed step, tries [ratios]
 
 
 def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    """Return the least-squares solution, rows and columns scaled: a direction that nothing tells is not moved."""
+    """Return the least-norm solution with scaled rows and columns: undetermined directions do not move."""
     left, right = (np.where(size > 0.0, size, 1.0) for size in (np.abs(matrix).max(axis=k) for k in (1, 0)))
     return least_norm(matrix / left[:, None] / right, vector / left, 1e-13)[0] / right
 
@@ -54,7 +54,7 @@ def refine(
     row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, steps: int = STEPS,
     done: float = DONE,
 ) -> Point:  # fmt: skip
-    """Return the point that damped joint steps (Levenberg-Marquardt) lead to."""
+    """Return the end of damped joint steps (Levenberg-Marquardt), see `path`."""
     *_, point = path(row, theta, noise, before, steps, done)
     return point
 
@@ -85,7 +85,7 @@ def _improved(row: Row, noise: Autoregression, point: Point, damping: float) -> 
         return None, damping
     if vector @ solved(matrix, vector) <= STILL * point.cost / max(row.count, 1):
         return None, damping
-    for _ in range(1 if is_exact(row, point) else tries):  # of rounding no smaller step makes less
+    for _ in range(1 if is_exact(row, point) else tries):  # a smaller step does not reduce rounding
         theta = point.theta + solved(matrix + damping * np.diag(np.diag(matrix)), vector)
         if row.is_stable(theta):
             tried = evaluate(row, theta, noise, point)
@@ -96,14 +96,14 @@ def _improved(row: Row, noise: Autoregression, point: Point, damping: float) -> 
 
 
 def is_near(row: Row, point: Point, other: Point) -> bool:
-    """Say whether two points lie within a standard deviation of each other: steps lead to the same from both."""
+    """Return whether two points lie within a standard deviation of each other, so that steps lead to the same end."""
     move = point.theta - other.theta
-    # a point of which the samples say nothing has everything near it
+    # a point without information is near every other one
     return all(bool(move @ each.information @ move <= each.cost / max(row.count, 1)) for each in (point, other))
 
 
 def ends_of(row: Row, paths: Iterable[Iterator[Point]], most: float = math.inf) -> list[Point]:
-    """Return the last points of paths, at most so many, but for paths that come near the end of one before."""
+    """Return the ends of paths, at most ``most``, without paths that come near the end of an earlier one."""
     ends: list[Point] = []
     for each in paths:
         if len(ends) == most:
@@ -120,7 +120,7 @@ def ends_of(row: Row, paths: Iterable[Iterator[Point]], most: float = math.inf) 
 def instrumental(
     row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, steps: int = STEPS
 ) -> Point:
-    """Return the point that steps with instruments lead to, each halved until these explain less of the error."""
+    """Return the end of steps with instruments, each halved until these explain less of the error."""
     point = evaluate(row, theta, noise, before)
     for _ in range(steps):
         matrix = summed(point.zeta, point.phi)
@@ -144,22 +144,22 @@ def instrumental(
 
 
 def explained_by(row: Row, point: Point) -> float:
-    """Return what instruments explain of the error, in variances of it: how far a point is from the fixed point."""
+    """Return the power of the error that instruments explain, in its variances; 0 at the fixed point."""
     turned = orthogonal(summed(point.zeta, point.zeta))
     power = float(np.sum((turned.T @ summed(point.zeta, point.error)) ** 2))
     return power * max(row.count, 1) / max(point.cost, 1e-300)
 
 
-CUTOFFS = 6  # from 5 per record to one per sampling time [count]
-ROUNDS = 6  # of refined instruments from each cutoff [count]
-# of two inputs with one step each the fifth likeliest leads to the least cost, the first four to one beyond it
-TRIED = 16  # of the dealt models, the likeliest, that some steps are made from [count]
-# of 30 records with one step at each of two inputs `fit` then finds the minimum near the truth in all
+CUTOFFS = 6  # cutoffs tried, from 5 / duration to 1 / dt [count]
+ROUNDS = 6  # steps with refined instruments from each cutoff [count]
+# with one step at each of two inputs the fifth likeliest leads to the least cost, the first four to a larger one
+TRIED = 16  # likeliest models that are refined by some steps [count]
+# in all of 30 records with one step at each of two inputs `fit` then finds the minimum near the truth
 FIRST = 2  # steps of each of them [count]
-KEPT = 4  # models that they lead to, at the most [count]
-SHORT = 8  # steps of each [count]
-SPLIT = 4  # common denominators whose branches are reduced, at the most [count]
-ANOTHER = 1.02  # cost above which a common denominator is another one [ratio]
+KEPT = 4  # most models that are kept [count]
+SHORT = 8  # further steps of each [count]
+SPLIT = 4  # most common denominators whose branches are reduced [count]
+ANOTHER = 1.02  # ratio of costs above which common denominators are distinct [ratio]
 
 
 @quiet
@@ -185,7 +185,7 @@ def start(
 
 @quiet
 def start_without(row: Row, theta: FloatArray, left_out: Sequence[int], noise: Autoregression) -> list[Point]:
-    """Return the best models without some inputs of a model: branches keep their poles, or one takes of theirs."""
+    """Return the best models without some inputs: each branch keeps its poles, or one takes poles of those left out."""
     less = [i for i in range(len(row.structures)) if i not in left_out]
     others, poles = row.of_inputs(less), _poles_of(row, theta)
     lost = [pole for i in left_out for pole in poles[i]]
@@ -218,7 +218,7 @@ def _poles_of(row: Row, theta: FloatArray) -> list[list[complex]]:
 
 
 def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[float, FloatArray]]:
-    """Yield cost and denominator (n,) of the models that refined instruments pass through."""
+    """Yield cost and denominator (n,) of each model in iterations of refined instruments."""
     poles = row.structures[0].poles
     size = poles + sum(each.zeros + 1 for each in row.structures)
     ends: list[Point] = []
@@ -246,7 +246,7 @@ def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[floa
 
 
 def _split(row: Row, shared: Row, denominator: FloatArray, noise: Autoregression) -> FloatArray | None:
-    """Return the model without numerators whose branches follow those of a common denominator; None where none does."""
+    """Return the model, without numerators, of the reduced branches of a common denominator; None if one fails."""
     none = np.zeros(sum(each.zeros + 1 for each in shared.structures))
     theta = np.concatenate([denominator, none])
     point = evaluate(shared, theta, noise)
@@ -270,10 +270,10 @@ def _split(row: Row, shared: Row, denominator: FloatArray, noise: Autoregression
 
 @quiet
 def truncated(numerator: FloatArray, denominator: FloatArray, poles: int) -> npt.NDArray[np.complex128] | None:
-    """Return the poles of a transfer function that balanced truncation leaves; None where it leaves no stable ones.
+    """Return the poles of a transfer function after balanced truncation; None if they are not stable.
 
-    Of s^n + a' (s^(n-1) .. 1) in modal form, sum r_k / (s - p_k), the Gramians are -1 / (p_k + conj p_l) and
-    -conj(r_k) r_l / (conj p_k + p_l).  Source: Moore (1981), "Principal component analysis in linear systems".
+    With denominator s^n + a' (s^(n-1) .. 1), in modal form sum r_k / (s - p_k), the Gramians are -1 / (p_k + conj p_l)
+    and -conj(r_k) r_l / (conj p_k + p_l).  Source: Moore (1981), "Principal component analysis in linear systems".
     """
     places = roots(np.concatenate([[1.0], denominator]))
     residues = np.polyval(numerator, places) / (places[:, None] - places + np.eye(places.size)).prod(axis=1)
@@ -295,7 +295,7 @@ def truncated(numerator: FloatArray, denominator: FloatArray, poles: int) -> npt
 
 
 def _root(matrix: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
-    """Return L with L L* = M, Hermitian and not negative."""
+    """Return L with L L* = M, for M Hermitian and positive semidefinite."""
     values, vectors = np.linalg.eigh((matrix + matrix.conj().T) / 2.0)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 

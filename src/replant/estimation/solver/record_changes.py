@@ -1,8 +1,8 @@
-"""Every change within a whole record, of one input or several.
+"""All changes within a whole record, with one input or several.
 
-It is parted where something has changed, and solved again, until one model explains each stretch: of several changes
-each hides the others.  Whether they are changes, and no drift, is asked when all are known: what they explain together
-beside the noise that either model leaves.  So is where the plant has changed, and not only a load.
+The record is divided where something has changed and solved again, until one model explains each stretch, as several
+changes hide each other.  When all are known, they are tested against a drift by what they explain together, with the
+noise of either model, and against a change of the plant.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import quiet
 
-# with more loads than parts no model may be without one, and what changes so often is a drift
+# with more loads than parts, no part may be free of a load; so many changes are a drift
 PARTS = 4  # parts of a stretch whose models judge it [count]
 
 
@@ -49,17 +49,17 @@ class Modelled(NamedTuple):
 
 
 class Parted(NamedTuple, Generic[Solved]):
-    """The likeliest solution of a record: of the whole, or parted at loads, since these samples of it."""
+    """The likeliest solution of a record: of the whole, or divided at the samples where loads begin."""
 
     solution: Solved
-    suspected: tuple[int, ...] = ()  # all loads that may have acted, likelier or not; of too many the surest
+    suspected: tuple[int, ...] = ()  # all loads found, accepted or not; the surest one if they are too many
     loads: tuple[int, ...] = ()
-    is_sure: bool = True  # also beside how differently the model fits each stretch
+    is_sure: bool = True  # also in view of the dispersion between stretches
 
 
 @quiet
 def may_have_loads(row: Row, theta: FloatArray, *, of_plant: bool = False) -> bool:
-    """Return whether loads seem to act in a row, or ``of_plant`` another plant: a quick question before `parted`."""
+    """Return whether loads, or with ``of_plant`` another plant, seem to act in a row: a quick test before `parted`."""
     windows = (part for stretch in row.stretches for _, part in _windows(row.part(stretch.rows)))
     return any(is_suspect(part, theta, of_plant=of_plant) for part in windows if part.stretches)
 
@@ -72,8 +72,8 @@ def parted(
     judge: Judge | None = None,
     loads: tuple[int, ...] = (),
 ) -> Parted[Solved]:
-    """Return the solution of a record that is parted at each load; ``whole`` where that is no likelier."""
-    # the first load is looked for by ``judge``, in the place of the model of the whole, and beside ``loads``: may act
+    """Return the solution of a record divided at each load; ``whole`` if that is no likelier."""
+    # the search begins with ``judge`` instead of the model of the whole, and with ``loads`` that may act
     first = model_of(whole)
     model = model_of(solved(loads)) if loads else first
     if model is not None and judge is not None:
@@ -102,19 +102,19 @@ def parted(
 
 
 def is_sure(row: Row, judge: Judge, more: float, least: float) -> bool:
-    """Return whether a parted row is also likelier beside how differently its model fits each stretch."""
+    """Return whether a divided row is also likelier in view of the dispersion of its model between stretches."""
     differently, numbers = dispersion(row, judge)
     return math.isfinite(numbers) and weighed(more, differently, numbers) > least
 
 
 def _begun_at(model: Modelled, loads: tuple[int, ...]) -> Modelled:
-    """Return the model that steps from another one lead to with loads, and the noise that it leaves."""
+    """Return a row with loads, and its model refined from another one."""
     row = _with_loads(model.row, loads)
     return Modelled(row, settled(row, *model.judge))
 
 
 def settled(row: Row, theta: FloatArray, noise: Autoregression) -> Judge:
-    """Return the model that steps from another one lead to, with the noise that it leaves."""
+    """Return the model refined from another one, with its noise model."""
     for _ in range(2):
         point = refine(row, theta, noise)
         theta, noise = point.theta, noise_of(row, point)
@@ -122,17 +122,17 @@ def settled(row: Row, theta: FloatArray, noise: Autoregression) -> Judge:
 
 
 def _with_loads(row: Row, loads: tuple[int, ...]) -> Row:
-    """Return a row with other offsets and initial states since some samples."""
+    """Return a row with new offsets and initial states from some samples on."""
     record = replace(row.record, begins=tuple(sorted({*row.record.begins, *loads})))
     return row.over(record)
 
 
 def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change | None:
-    """Return what is surest to have changed within a stretch; None without, or with references; fills ``without``."""
+    """Return the surest change within a stretch; None without one, or with references; fills ``without``."""
     found = []
     for begin, end in ((each.rows.start, each.rows.stop) for each in row.stretches if row.outside is None):
-        is_told = (begin, end) not in without and end - begin >= 2 * PARTS  # each part of it has an interval
-        change = _within(row.part(slice(begin, end)), begin, judge) if is_told else None
+        is_searched = (begin, end) not in without and end - begin >= 2 * PARTS  # each part of it has an interval
+        change = _within(row.part(slice(begin, end)), begin, judge) if is_searched else None
         if change is None:
             without.add((begin, end))
         else:
@@ -141,8 +141,8 @@ def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change
 
 
 def _needless(whole: Row, judge: Judge, loads: tuple[int, ...]) -> int:
-    """Return the load that explains least beside a model, where that is no more than it costs; else 0."""
-    # what seemed to be a change while another one was not known yet may be none
+    """Return the load that explains least under a model, if less than its price; else 0."""
+    # a change found while another one was unknown may be none
     row = without_unknown(whole, set(loads))
 
     def cost(loads: tuple[int, ...]) -> float:
@@ -156,12 +156,12 @@ def _needless(whole: Row, judge: Judge, loads: tuple[int, ...]) -> int:
 
 
 def _price(row: Row) -> float:
-    """Return by how much likelier a load must make a row: by its numbers, and the odds against it."""
+    """Return the least log-likelihood gain of a load: the price of its numbers, and the odds against it."""
     return 0.5 * row.nuisances * math.log(row.count) - math.log(ALPHA)
 
 
 def _explained(parted: Modelled, whole: Modelled, loads: tuple[int, ...]) -> tuple[float, float]:
-    """Return how much likelier a row is that is parted at loads, and how much it has to be to be surely likelier."""
+    """Return the log-likelihood gain of a row divided at loads, and the least gain that is sure."""
     models = parted, whole._replace(row=without_unknown(whole.row, set(loads)))
     cost, usual = (evaluate(row, *judge).cost for row, judge in models)
     if not (0.0 < cost < math.inf and 0.0 < usual < math.inf):
@@ -173,7 +173,7 @@ def _explained(parted: Modelled, whole: Modelled, loads: tuple[int, ...]) -> tup
 
 @quiet
 def find_plant_change(row: Row, theta: FloatArray) -> Change | None:
-    """Return where the plant is surest to have changed, of the samples where a stretch begins; None where nowhere."""
+    """Return the surest change of the plant at the begin of a stretch; None without one."""
     found = (plant_change(row, stretch.rows.start, theta) for stretch in row.stretches[1:] if row.outside is None)
     return max((each for each in found if each is not None), key=lambda each: each.evidence, default=None)
 
@@ -182,7 +182,7 @@ def find_plant_change(row: Row, theta: FloatArray) -> Change | None:
 def plant_changed(
     structure: Structure, record: Record, parameters: FloatArray, *, loads: bool, most: int
 ) -> PlantChange | None:
-    """Return that the plant has changed in a record that was solved: since a load, or else in its newest samples."""
+    """Return the change of the plant in a solved record: at one of its ``loads``, else in ``most`` newest samples."""
     if not loads:
         return change_within(structure, record.last(most), parameters)
     found = find_plant_change(Row.of_one(structure, record), parameters[: structure.coefficients])
@@ -190,7 +190,7 @@ def plant_changed(
 
 
 def _within(stretch: Row, first: int, judge: Judge) -> Change | None:
-    """Return what is surest to have changed in a stretch, or in a half of it, where several changes cancel."""
+    """Return the surest change in a stretch, else in a half of it, as several changes may cancel."""
     if not stretch.stretches:
         return None
     judges = list(_judges(stretch, *judge))
@@ -215,7 +215,7 @@ def _windows(stretch: Row) -> list[tuple[int, Row]]:
 
 
 def _judges(stretch: Row, theta: FloatArray, noise: Autoregression) -> Iterator[Judge]:
-    """Yield the models of parts of a stretch that are long enough for one, from the model of all of it."""
+    """Yield the models of the parts of a stretch that are long enough, refined from the model of all of it."""
     samples = stretch.record.u.size
     for number in range(PARTS):
         part = stretch.part(slice(number * samples // PARTS, (number + 1) * samples // PARTS))

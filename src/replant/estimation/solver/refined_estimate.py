@@ -1,8 +1,8 @@
-r"""A refined instrumental-variable estimate of a record: what it is made of, its covariance, its relative uncertainty.
+r"""A refined instrumental-variable estimate of a record, its covariance and its relative uncertainty.
 
-A record that was taken under a controller has instruments from its reference.  Input and output are projected on the
-Laguerre functions of the reference and a constant.  The weights are found by generalised least squares, with the
-autoregression of what is left, as disturbances in a loop are seldom white:
+The instruments of a record with a reference are made from it: input and output are projected on the Laguerre functions
+of the reference and a constant.  The weights are found by generalised least squares, with an autoregression of the
+remainder, as disturbances in a loop are seldom white:
 
 .. math:: u_r = L w_u, \qquad y_r = L w_y.
 
@@ -44,26 +44,25 @@ from replant.numerics.projections import best_pole, laguerre, weights_of
 
 ACCEPTABLE = 0.25
 """Relative uncertainty up to which a start-up is long enough [part of a coefficient's size].
-Origin: a recursion from a bad first model can go wrong; a quarter leaves the sign and the size of each coefficient
-known.
+Origin: a recursion from a bad first model may diverge; with a quarter, sign and size of each coefficient are known.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-# what grows e-fold from sample to sample no sampled controller holds: its sensitivity peaks at e or more
+# no sampled controller is robust with a plant that grows e-fold per sample: its sensitivity peaks at e or more
 FASTEST_UNSTABLE = 1.0  # real part of a pole beyond which no estimate starts a recursion [1 / sampling time]
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of a model before a record, as a normal density of it."""
+    """The knowledge of a model before a record, as a normal density."""
 
     mean: FloatArray  # (T,)
-    information: FloatArray  # (T, T), inverse of the covariance; zero for nuisances, of which nothing is known
+    information: FloatArray  # (T, T), inverse of the covariance; zero for the nuisances
     variance: float  # of the residual that it is weighed against, in the output's unit squared
 
     @classmethod
     def none(cls, size: int) -> Prior:
-        """Return that nothing is known of ``size`` entries."""
+        """Return the prior without information on ``size`` entries."""
         return cls(np.zeros(size), np.zeros((size, size)), 1.0)
 
     @property
@@ -72,22 +71,22 @@ class Prior:
         return self.variance * self.information
 
     def pull(self, model: FloatArray) -> FloatArray:
-        """Return what it adds to sum zeta e at a model, (T,)."""
+        """Return what the prior adds to sum zeta e at a model, (T,)."""
         return np.asarray(self.weight @ (self.mean - model))
 
     def cost(self, model: FloatArray) -> float:
-        """Return what it adds to the sum of squares at a model; rounded far from the mean it is no less than 0, too."""
+        """Return what the prior adds to the sum of squares at a model, not less than 0 in spite of rounding."""
         return max(float((self.mean - model) @ self.pull(model)), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """What the reference of a record of K samples explains."""
+    """The parts of input and output that the reference of a record of K samples explains."""
 
     functions: FloatArray  # (K, L), Laguerre functions of the reference, and ones
     parts: FloatArray  # (K, 2), u_r and y_r
-    share: float  # part of the input's power that u_r takes off
-    slots: ReferenceSlots  # for a recursion that goes on from the record's end
+    share: float  # part of the input's power that u_r explains
+    slots: ReferenceSlots  # for a recursion that continues from the record's end
 
     @classmethod
     def of(cls, record: Record) -> Projection:
@@ -109,17 +108,17 @@ class Projection:
 
 @dataclass(frozen=True, eq=False)
 class Root:
-    """A model at which the whitened instrumental-variable steps end."""
+    """The end of an iteration: a model, its pass and its noise model."""
 
     model: FloatArray  # (T,)
     done: Pass  # of the model
     noise: Autoregression  # of its residual
-    innovation: float  # variance of the whitened residual; without a reference of the error of the predicted output
+    innovation: float  # variance of the residual, whitened if ``filters``; without a reference, of the prediction error
     misfit: float  # see `Problem.misfit`
-    converged: bool  # the last step was short: a third of a standard deviation
-    ends: bool  # it was, or the last steps no longer lowered the cost
+    converged: bool  # the last step was at most a third of a standard deviation
+    ends: bool  # it has converged, or the last steps no longer lowered the cost
     filters: bool = True  # the model was found with the noise model as a filter
-    at_bend: bool = False  # no step lowers the cost, as where a pole lies on the axis
+    at_kink: bool = False  # no step lowers the cost, as where a pole lies on the axis
 
     @property
     def relative_misfit(self) -> float:
@@ -136,7 +135,7 @@ class Refined:
     diagonal: FloatArray  # (T,), D
     covariance: FloatArray  # (T, T), the residual's colour and the scatter along the record taken into account
     variance: float  # of the residual, in the output's unit squared
-    innovation: float  # of the residual filtered by the noise model: what it is when the past is known
+    innovation: float  # variance of the residual filtered by the noise model
     converged: bool
     ends: bool  # the iteration converged, or no longer lowered the cost
     uncertainty: float  # see `relative_uncertainty`
@@ -146,7 +145,7 @@ class Refined:
     noise: NoiseSlots
     reference: ReferenceSlots | None  # what the reference explains of input and output
     explained: float  # part of the input's power that it explains; NaN without one
-    misfit: float  # J in variances of the innovation: chi-squared, 12 less the coefficients, where the model is right
+    misfit: float  # J in variances of the innovation: for a right model chi-squared, 12 less the coefficients
     # largest standard deviation of a parameter over that which the residual's power and colour predict, as in drift
     slowness: float = 1.0
     disagreement: float = 0.0  # see `specification_test.disagreement`; 0 unless the filtered estimate was given up
@@ -171,13 +170,13 @@ class Refined:
 
     @property
     def is_finite(self) -> bool:
-        """Whether float64 holds the estimate and its factors; a covariance outside of float64 is an unknown one."""
+        """Whether the estimate and its factors are finite; a covariance that is not counts as unknown."""
         parts = self.theta, self.upper, self.diagonal, self.variance
         return all(bool(np.isfinite(part).all()) for part in parts)
 
     @property
     def settled(self) -> bool:
-        """Whether the iteration has come to a model that a plant may have, however uncertain."""
+        """Whether the iteration ended at a model without extremely unstable poles, however uncertain."""
         return self.ends and self.rightmost < FASTEST_UNSTABLE
 
     @property
@@ -187,7 +186,7 @@ class Refined:
 
 
 def without_nuisances(structure: Structure, parameters: FloatArray) -> FloatArray:
-    """Return the model (T,) that has parameters (P,), its nuisances zero."""
+    """Return the model (T,) with parameters (P,) and zero nuisances."""
     model = np.zeros(entries_of(structure, refined=True))
     model[: parameters.size] = parameters
     return model
@@ -198,7 +197,7 @@ def conclude(
     structure: Structure, record: Record, root: Root, projection: Projection | None = None,
     prior: Prior | None = None,
 ) -> Refined | None:  # fmt: skip
-    """Return the estimate that an iteration comes to, with its covariance; None if not finite."""
+    """Return the estimate of a root with its covariance; None if not finite."""
     model, done, noise = root.model, root.done, root.noise
     samples, size = record.count, model.size
     free = max(samples - size - record.nuisances_beside(structure.poles, bias=structure.bias), 1)
@@ -210,21 +209,21 @@ def conclude(
     before = prior.weight
     upper, diagonal = factor_information(products(zeta, zeta) + before)
     inverse = compose(upper, diagonal)
-    if projection is not None:  # the instruments are not the regressor without its noise: M^-1 (sum zeta zeta') M^-T
+    if projection is not None:  # the instruments are not the noise-free regressor: M^-1 (sum zeta zeta') M^-T
         inverse = inverse_of(products(zeta, record.whitened(applied, done.phi)))
         plain = innovation * inverse @ products(zeta, zeta) @ inverse.T
     else:
         plain = innovation * inverse
     colour, power = _colour(zeta, white, samples)
     covariance = larger(power / free * inverse @ colour.squares @ inverse.T, plain)
-    # before the scatter along the path is added: a start-up has few blocks, and their chance must not decide its length
+    # without the scatter along the path: the few blocks of a start-up scatter by chance, which must not set its length
     uncertainty = relative_uncertainty(structure, model, covariance, done.phi, record)
     entries = size - structure.poles
     path = path_of_record(zeta, white, model, before, prior.pull(model), entries)
     coloured = np.diag(covariance)[: structure.size]
     covariance = no_less_than_scattered(covariance, scatter_of(path, model, compose(upper, diagonal), entries))
     slowness = float(np.sqrt(np.diag(covariance)[: structure.size] / coloured).max()) if (coloured > 0.0).all() else 1.0
-    covariance = without_rounding(covariance)  # a surplus pole that is infinitely fast leaves few digits of it
+    covariance = without_rounding(covariance)  # with an infinitely fast surplus pole few of its digits are valid
     slots = _noise(noise, size, filters=root.filters)
     misfit, share, reference = (root.misfit / innovation if innovation > 0.0 else 0.0, math.nan, None)
     if projection is not None:
@@ -238,7 +237,7 @@ def conclude(
 
 
 def _noise(model: Autoregression, size: int, *, filters: bool) -> NoiseSlots:
-    """Return the noise model of a record for a recursion of ``size`` entries that goes on from its end."""
+    """Return the noise model of a record for a recursion of ``size`` entries that continues from its end."""
     noise = NoiseSlots.zeros(FIXED | {"T": size})
     noise.order, noise.count = model.order, model.count if model.sums.any() else 0.0
     noise.models[:], noise.variances[:], noise.sums[:] = model.models, model.variances, model.sums
@@ -253,9 +252,8 @@ def relative_uncertainty(
 ) -> float:
     """Return the largest relative standard deviation of a coefficient: below `ACCEPTABLE` a start-up is long enough.
 
-    For b_j it is half of the output that one std(b_j) makes, over the measured output; for a_i the same or, if less,
-    std(a_i) over the coefficient of prod(s + abs(pole)), its size if all poles were real, none slower than the record
-    is long.  An integrator's a_0 has no size of its own.
+    For b_j: half the output by one std(b_j), over the measured output.  For a_i: the same or, if less, std(a_i) over
+    the coefficient of prod(s + max(abs(pole), 1/duration)), as the a_0 of an integrator has no size of its own.
     """
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     sizes = real_coefficients(model[structure.denominator], 1.0 / record.span)

@@ -1,14 +1,14 @@
-r"""How much an estimate scatters, by resampling: its model gives other records, which are solved again.
+r"""The scatter of an estimate by resampling: records simulated with its model are solved again.
 
-To first order an estimate scatters by its covariance.  Where a short record hardly tells poles apart the likelihood is
-not quadratic: of field records with pairs of lightly damped poles the output that such an estimate makes was off by
-three times what its covariance says, and of others, whose poles and zeros nearly cancel, by half of it.  The model with
-its noise, an autoregression of the residual, makes records
+To first order an estimate scatters by its covariance.  If a short record hardly separates poles, the likelihood is not
+quadratic: in field records with pairs of lightly damped poles, the output error of such an estimate was three times
+that by its covariance, and in others, whose poles and zeros nearly cancel, half of it.  The model and its noise, an
+autoregression of the residual, generate records
 
 .. math:: y^* = \hat y + e^*, \qquad D(q)\, e^* = w^*,
 
-and each estimate of them begins at the model.  What the outputs of these estimates differ by is what the estimate's own
-error makes of the output.
+and each estimate from them starts at the model.  The outputs of these estimates differ from the model's as much as the
+error of the estimate itself changes the output.
 
 Source: Efron and Tibshirani (1993), "An Introduction to the Bootstrap", section 6.5 (the parametric bootstrap).
 """
@@ -28,16 +28,16 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import combined, quiet, sum_of_squares
 
-# ten squares of chance tell their mean to a quarter where two directions scatter
-DRAWS = 10  # records that are made [count]
-STEPS = 20  # steps of each estimate, which begins near its end [count]
+# the mean of ten squares is known to a third if two directions scatter, its root to a sixth
+DRAWS = 10  # simulated records [count]
+STEPS = 20  # most steps of each estimate, which starts near its end [count]
 
 
 @quiet
 def resampled_scatter(structure: Structure, record: Record, estimate: FloatArray, *, filtered: bool) -> float:
-    """Return the rms difference that the error of an estimate (P,) makes of its output, over that of the output.
+    """Return the rms error of the output due to the error of an estimate (P,), over the rms output.
 
-    ``filtered``: whether it was found with its noise model as a filter.  Infinite where another estimate is not found.
+    ``filtered``: whether it was found with its noise model as a filter.  Infinite if one record has no estimate.
     """
     problem = Problem(structure, record)
     model = problem.with_nuisances(without_nuisances(structure, estimate))
@@ -59,14 +59,14 @@ def resampled_scatter(structure: Structure, record: Record, estimate: FloatArray
 
 
 def _coloured(noise: Autoregression, white: FloatArray) -> FloatArray:
-    """Return the second half (K,) of an autoregression of white noise (2 K,)."""
+    """Return the second half (K,) of white noise (2 K,) coloured by an autoregression."""
     from replant.kernels.filters.autoregressions import all_pole
 
     return np.asarray(all_pole(noise.coefficients, white[None])[0, white.size // 2 :])
 
 
 def _found(problem: Problem, model: FloatArray, noise: Autoregression | None) -> FloatArray | None:
-    """Return the estimate that steps from a model lead to; None where there are none."""
+    """Return the estimate that steps from a model lead to; with a noise model, None if no step is possible."""
     if noise is None:
         return problem.polish(model)[0]
     problem.noise = noise
@@ -75,7 +75,7 @@ def _found(problem: Problem, model: FloatArray, noise: Autoregression | None) ->
 
 
 def _output(problem: Problem, model: FloatArray) -> FloatArray:
-    """Return the output (K,) of a model (T,) by the input alone, behind gaps beside what states there explain."""
+    """Return the output (K,) of a model (T,) by the input alone, with the states after gaps projected out."""
     size, b = problem.structure.coefficients, problem.structure.numerator
     done = problem.run_whole(without_nuisances(problem.structure, model[:size]))
     return combined(done.zeta[:, b], model[b])

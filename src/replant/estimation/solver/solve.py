@@ -1,8 +1,8 @@
-"""solve: the estimate of a record and the samples it is made from, the same ones whoever asks.
+"""solve: the estimate of a record, and the samples that it uses, the same for every caller.
 
-`fit`, the start-up, the record solved again, the end of a run and the search all solve records here.  Outputs that are
-missing, outliers, and those of a sensor that is stuck are left out, their inputs are not: in the filters the model's
-own output takes their place.  Which outputs are bad is told with a model, so that both are found in turn.
+`fit`, the start-up, the record solved again, the end of a run and the search all solve records here.  Missing outputs,
+outliers, and outputs of a stuck sensor are left out, but not their inputs: the filters use the model's output instead.
+Bad outputs are found with a model, so that both are found in turn.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from replant.numerics.levels import ALPHA, ROUNDING
 
 # a reading before the sensor is ready, and one more
 FIRST = 2  # first outputs that may be bad together [count]
-ROUNDS = 5  # times that a record is solved and its outputs judged, at the most [count]
+ROUNDS = 5  # most times that a record is solved and its outputs are judged [count]
 
 
 S = TypeVar("S")
@@ -38,9 +38,9 @@ class Solution:
     """A model and the samples that it was made from."""
 
     found: Refined
-    record: Record  # its outputs that were not measured are the model's
+    record: Record  # with the model's outputs in place of those left out
     doubt: IntArray  # (K,), the `Doubt` in each output
-    bridged: FloatArray  # (K,), the record's outputs, with another working point perhaps
+    bridged: FloatArray  # (K,), these outputs, possibly relative to another working point
 
     @property
     def is_bad(self) -> BoolArray:
@@ -49,7 +49,7 @@ class Solution:
 
 
 def at_first(record: Record) -> Record:
-    """Return a record without the outputs that may be bad by themselves."""
+    """Return a record without the outputs that seem bad without a model."""
     return leaving_out(record, suspected(record))
 
 
@@ -57,12 +57,12 @@ def solve(
     structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False,
     nested: bool = False,
 ) -> Solution | None:  # fmt: skip
-    """Solve a record, see `refine`; None where no start leads to a model."""
+    """Solve a record, see `refine`; None if no start leads to a model."""
     solution = _solved(structure, record, given, afresh=afresh, nested=nested)
     first = first_jump(record)
     if solution is None or not first or record.r is not None:
         return solution
-    # a fast pole with an initial state explains any first output: whether it is bad is told by all others
+    # a fast pole with an initial state fits any first output, so that it is judged by a solution without it
     measured = record.is_measured & (np.arange(record.u.size) >= first)
     left = replace(record, y=filled(record.y, measured), measured=measured)
     without = _solved(structure, left, given, afresh=afresh, nested=nested)
@@ -77,7 +77,7 @@ def solve(
 
 
 def first_jump(record: Record) -> int:
-    """Return how many first outputs lie before the largest jump of a record; 0 where it is not near the beginning."""
+    """Return how many outputs precede the largest jump of a record; 0 unless it is near the begin and stands out."""
     y = np.where(record.is_measured, record.y, np.nan)
     y[suspected(record) != Doubt.NONE] = np.nan
     known = np.flatnonzero(np.isfinite(y))
@@ -92,14 +92,14 @@ def first_jump(record: Record) -> int:
 def _solved(
     structure: Structure, record: Record, given: Sequence[FloatArray], *, afresh: bool, nested: bool
 ) -> Solution | None:
-    """Solve a record, its outputs being judged by the model."""
+    """Solve a record and judge its outputs by the model, in turn."""
     answers = record.answers(structure.delay)
 
     def solved(doubt: IntArray, before: Refined | None) -> Refined | None:
         used = leaving_out(record, doubt)
         if before is not None:
             return refine(structure, used, [before.theta])
-        # None where it has no samples, or input or reference is constant
+        # None without samples, or with a constant input or reference
         return refine(structure, used, given, afresh=afresh, nested=nested) if given or _moves(used) else None
 
     def modelled(found: Refined, doubt: IntArray) -> FloatArray:
@@ -120,8 +120,8 @@ def in_turn(
     known: BoolArray, doubt: IntArray, solved: Callable[[IntArray, S | None], S | None],
     told: Callable[[S, IntArray], IntArray],
 ) -> tuple[S, IntArray] | None:  # fmt: skip
-    """Return what outputs give without those in ``doubt``, which it tells anew, and the `Doubt` it was made with."""
-    # known: which outputs (K,) there are; where nothing comes of the others they are taken as they came
+    """Return the solution without the outputs in ``doubt``, which are judged again by it, and the `Doubt` it used."""
+    # known: which outputs (K,) exist; if there is no solution without the doubtful ones, all are used
     found, as_they_came = solved(doubt, None), np.where(known, Doubt.NONE, Doubt.MISSING)
     if found is None and (doubt != as_they_came).any():
         doubt = as_they_came
@@ -144,13 +144,13 @@ def _moves(record: Record) -> bool:
 
 
 def suspected(record: Record, inputs: FloatArray | None = None) -> IntArray:
-    """Return the `Doubt` in each output (K,) without a model; ``inputs`` (K, q) where there are several."""
+    """Return the `Doubt` in each output (K,) without a model; ``inputs`` (K, q) if there are several."""
     u, y = record.u if inputs is None else inputs, np.where(record.is_measured, record.y, np.nan)
     return np.concatenate([suspicious(u[rows], y[rows]) for rows in record.records])
 
 
 def doubted(record: Record, modelled: FloatArray, noise: FloatArray, inputs: FloatArray | None = None) -> IntArray:
-    """Return the `Doubt` in each output (K,) by a model's (K,), NaN where that is not known, and its noise model."""
+    """Return the `Doubt` in each output (K,) by a modelled one (K,), NaN where unknown, and its noise model."""
     u, y = record.u if inputs is None else inputs, np.where(record.is_measured, record.y, np.nan)
     return np.concatenate([doubts(u[rows], y[rows], modelled[rows], noise) for rows in record.records])
 

@@ -1,37 +1,37 @@
-r"""Which of two estimates of a record to take, by a specification test.
+r"""The choice between two estimates of a record by a specification test.
 
-PLAIN, the least output error, is consistent in open loop whatever the noise is.  FILTERED, by the noise model, is
-efficient where that is right, nearly consistent in feedback, and far off where the structure is not right.  Hausman's
-test decides: if FILTERED is right, its residual :math:`e_f` is noise v that knows nothing of the input, and by how much
-PLAIN simulates better is chance,
+PLAIN, the least output error, is consistent in open loop for any noise.  FILTERED, found with the noise model as a
+filter, is efficient if that is right, nearly consistent in feedback, and far off if the structure is wrong.  Hausman's
+test decides: if FILTERED is right, its residual :math:`e_f` is noise v independent of the input, and the smaller
+residual of PLAIN is chance,
 
 .. math:: q = |e_f|^2 - |e_p|^2 = s^T G^{-1} s, \quad s = Z^T e_f = W^T v, \quad
           W = Z - D^T D X (X^T D^T D X)^{-1} X^T Z, \quad G = Z^T Z
 
-with X = [Z, nuisances], Z the derivatives of the simulated output freed of the nuisances, and D the noise model as a
-filter.  The covariance of s is the mean over frequency of :math:`W W^* |V|^2`; :math:`|V|^2` is the periodogram of
-:math:`e_p` over 1 - leverage, what the fit has taken from it.  It needs no model of v, no bandwidth and no batches.
-With :math:`\Lambda = G^{-1/2} \mathrm{cov}(s) G^{-1/2}`
+with X = [Z, nuisances], Z the derivatives of the simulated output with the nuisances projected out, and D the noise
+model as a filter.  The covariance of s is the mean over frequency of :math:`W W^* |V|^2`; :math:`|V|^2` is the
+periodogram of :math:`e_p` over 1 - leverage, which corrects for the fit.  It needs no model of v, no bandwidth and no
+batches.  With :math:`\Lambda = G^{-1/2} \mathrm{cov}(s) G^{-1/2}`
 
 .. math:: q / \mathrm{tr} \Lambda \sim F(h, \nu), \qquad h = (\mathrm{tr} \Lambda)^2 / \mathrm{tr} \Lambda^2,
 
-:math:`\nu` the number of periodogram ordinates that the mean is made of (Satterthwaite on both sides).
+:math:`\nu` the effective number of periodogram ordinates in the mean (Satterthwaite on both sides).
 
-Feedback makes s large as well.  The input is split into what answers the whitened residual and :math:`u_r`, which does
-not.  With :math:`\delta = (G_p - G_f) u` and :math:`\delta_r` of :math:`u_r`,
-:math:`\varphi = \delta_r^T e_f / \delta^T e_f` is 0 round a right model in feedback and 1 in open loop, and q counts by
-:math:`\varphi^2`.  Where the two estimates hardly differ, :math:`\varphi` is a ratio of two noises: it counts only
-where :math:`\delta_r^T e_f` is more than chance.  Its variance is the mean over frequency of
-:math:`|\Delta_r|^2 |V|^2`; as the data choose the direction of :math:`\delta`, its square over that is held against
-:math:`\chi^2_h` (Scheffe).
+Feedback makes s large as well.  The input is split into the part that responds to the whitened residual and the rest
+:math:`u_r`.  With :math:`\delta = (G_p - G_f) u` and :math:`\delta_r` of :math:`u_r`,
+:math:`\varphi = \delta_r^T e_f / \delta^T e_f` is 0 for a right model in feedback and 1 in open loop; q is multiplied
+by :math:`\varphi^2`.  If the two estimates hardly differ, :math:`\varphi` is a ratio of two noises: it is used only if
+:math:`\delta_r^T e_f` is significant.  The variance of this product is the mean over frequency of
+:math:`|\Delta_r|^2 |V|^2`; as the data choose the direction of :math:`\delta`, its square over the variance is
+compared with :math:`\chi^2_h` (Scheffe).
 
-Where q doubts but does not refute FILTERED, its whitened residual is asked as well: a structure that is not right
-leaves there what other dynamics explain (an F test), in open loop with the input of the same sample.  Noise that drifts
-hides a wrong structure from it no more than from q, while PLAIN is up to ten times less sure beside it.
+If q casts doubt on FILTERED without rejecting it, the whitened residual of FILTERED is tested as well: with a wrong
+structure, other dynamics explain part of it (F test); in open loop these include the input of the same sample.
+Drifting noise hides a wrong structure from this test no more than from q, but makes PLAIN up to ten times less certain.
 
-A controller opposes a disturbance: where input and residual of the same sample move as the plant's output follows its
-input, the plant does something faster than the model, and :math:`\varphi = 1`.  Nor is an unstable FILTERED taken where
-the residual of a stable PLAIN so moves.
+A controller opposes a disturbance.  If the correlation of input and residual at the same sample has instead the sign
+of the plant's response, the plant has faster dynamics than the model, and :math:`\varphi = 1`.  If the residual of a
+stable PLAIN is so correlated, an unstable FILTERED is rejected.
 
 Sources: Hausman (1978), "Specification tests in econometrics", Econometrica 46; Robinson (1998), "Inference without
 smoothing in the presence of nonparametric autocorrelation", Econometrica 66; MacKinnon and White (1985), "Some
@@ -58,22 +58,22 @@ from replant.numerics.projections import lengths_of, orthogonal, without
 from replant.numerics.score_test import Residual
 
 # on 70 field records of `make campaign` the noise-free fit does not depend on it from 0.01 to 0.3; on logs of real
-# rigs, no structure being right, a filtered estimate that is kept costs 1 to 24 points
-FALSE_ALARM = 0.15  # chance that each of two tests, both needed, doubts a right filtered estimate [probability]
+# rigs, where no structure is right, a filtered estimate that is kept costs 1 to 24 points of the fit
+FALSE_ALARM = 0.15  # level of each of the two tests that together reject a filtered estimate [probability]
 
 MOST = 0.5
-"""Share of the difference up to which feedback is its reason: of an answer that is told from noise some is left
+"""Share phi of the difference of two estimates up to which feedback explains it: the estimate of feedback is noisy
 [share].
-Origin: 184 loops under autoregressive noise: right models have shares of 0 to 0.4 but for three integrators.
-Sensitivity: halved, some of these right models are given up; doubled, feedback is the reason of any difference.
+Origin: 184 loops with autoregressive noise: right models have shares of 0 to 0.4, except three integrators.
+Sensitivity: halved, some of these right models are rejected; doubled, feedback explains any difference.
 """
 
-LEAST_LEFT = 0.02  # share of an ordinate that the fit leaves at least: below it is rounding of the leverage [share]
+LEAST_LEFT = 0.02  # least share of an ordinate left by the fit: a smaller one is rounding of the leverage [share]
 
 
 @quiet
 def chance_of(structure: Structure, record: Record, plain: Refined, filtered: Refined) -> float:
-    """Return the chance that the plain estimate simulates so much better, were the filtered one right."""
+    """Return the p-value of a right filtered estimate, by how much better the plain one simulates."""
     run_p, run_f = (run_model(structure, one.theta[: structure.size], record, record.dt) for one in (plain, filtered))
     if run_f is None:
         return 0.0
@@ -82,8 +82,8 @@ def chance_of(structure: Structure, record: Record, plain: Refined, filtered: Re
         return 1.0
     noise = filtered.noise_model
     whole = _whole(record, noise.order)
-    if away[1]:  # a plant that is not stable is in feedback; there is no simulated error to compare
-        at_once = _answering(record, plain.noise_model, run_p.error)  # by a plant that is faster than the model
+    if away[1]:  # an unstable plant is in feedback; it has no simulation error to compare
+        at_once = _answering(record, plain.noise_model, run_p.error)  # due to a plant faster than the model
         return float(is_answered(record, noise, run_f.error) and not at_once.is_direct(structure, plain.theta))
     statistic, degrees, ordinates = hausman(run_p, run_f, noise, whole)
     chance = _chance(statistic, degrees, ordinates)
@@ -95,21 +95,21 @@ def chance_of(structure: Structure, record: Record, plain: Refined, filtered: Re
 
 @quiet
 def chance_of_dynamics(structure: Structure, record: Record, filtered: Refined) -> float:
-    """Return the chance that other dynamics explain so much of what the filtered estimate leaves, were it right."""
+    """Return the p-value of a right filtered estimate, by how much other dynamics explain of its residual."""
     run = run_model(structure, filtered.theta[: structure.size], record, record.dt)
     if run is None or runs_away(np.append(1.0, filtered.theta[structure.denominator]), record.span):
         return 0.0
     noise = filtered.noise_model
     columns = run.dynamics(slice(None), record.dt, record.span, feedback=True)
     answer = _answering(record, noise, run.error)
-    if not answer.found or answer.is_direct(structure, filtered.theta):  # what acts at once is the plant's
+    if not answer.found or answer.is_direct(structure, filtered.theta):  # an effect of the same sample is the plant's
         columns = np.column_stack([columns, run.u])
     used, known = record.predecessors >= noise.order, np.hstack([run.zeta, run.nuisances])
     return Residual.of(run.error, known, record.predecessors, used, noise).explained(columns).chance
 
 
 def disagreement(structure: Structure, record: Record, plain: Refined, filtered: Refined) -> float:
-    """Return by how much the outputs of two estimates differ, as a part of the plain one's amplitude; at most 1."""
+    """Return the rms difference of the outputs of two estimates over that of the plain one; at most 1."""
     runs = [run_model(structure, one.theta[: structure.size], record, record.dt) for one in (plain, filtered)]
     if runs[0] is None or runs[1] is None:
         return 1.0
@@ -129,19 +129,23 @@ def hausman(run_p: ModelRun, run_f: ModelRun, noise: Autoregression, whole: Floa
     w = combined(z - combined(_back(noise, filtered), weights), orthogonal(products(z, z)))
     spectra = np.fft.rfft(w, _length(w), axis=0)
     power = _noise_power(run_p)
-    level = math.ldexp(1.0, math.frexp(float(power.max()))[1] - 1)  # no square leaves float64, and nothing is rounded
+    level = math.ldexp(
+        1.0, math.frexp(float(power.max()))[1] - 1
+    )  # a power of two: squares stay finite, without rounding
     power = power / level
     covariance = products(spectra.conj() * power[:, None], spectra).real
     trace = max(float(np.trace(covariance)), np.finfo(float).tiny)
     each = (np.abs(spectra) ** 2).sum(axis=1) * power
-    each = each[: each.size // 2 * 2].reshape(-1, 2).sum(axis=1)  # padded to twice the length: neighbours are one
+    each = (
+        each[: each.size // 2 * 2].reshape(-1, 2).sum(axis=1)
+    )  # padded to twice the length: two ordinates count as one
     ordinates = 4.0 * float(each.sum()) ** 2 / max(float((each**2).sum()), np.finfo(float).tiny)
     q = sum_of_squares(run_f.error) - sum_of_squares(run_p.error)
     return max(q, 0.0) / level / trace, trace**2 / max(float(np.sum(covariance**2)), np.finfo(float).tiny), ordinates
 
 
 def _noise_power(run: ModelRun) -> FloatArray:
-    """Return the periodogram of a residual, corrected for what the fit took from it, over the transform's length."""
+    """Return the periodogram of a residual over the transform's length, corrected for the leverage of the fit."""
     samples, length = run.error.size, _length(run.error)
     columns = np.hstack([run.zeta, run.nuisances])
     columns = columns / lengths_of(columns)
@@ -181,20 +185,20 @@ def _share_of_feedback(
 
 
 def _score(signal: FloatArray, error: FloatArray, run: ModelRun) -> float:
-    """Return a signal (K,) times an error (K,), in standard deviations of the signal times noise as of a run."""
+    """Return the product of a signal (K,) and an error (K,), in its standard deviations under a run's noise."""
     unit, power = signal / lengths_of(signal[:, None]), _noise_power(run)
-    level = max(float(power.max()), np.finfo(float).tiny)  # no product of squares leaves float64
+    level = max(float(power.max()), np.finfo(float).tiny)  # products of squares stay finite
     variance = inner(np.abs(np.fft.rfft(unit, _length(unit))) ** 2, power / level)
     return inner(unit, error) / math.sqrt(level) / math.sqrt(max(variance, np.finfo(float).tiny))
 
 
 def is_answered(record: Record, noise: Autoregression, error: FloatArray) -> bool:
-    """Return whether a record's input answers a residual (K,), as under a controller."""
+    """Return whether a record's input responds to a residual (K,), as in feedback."""
     return _answering(record, noise, error).found
 
 
 def _answering(record: Record, noise: Autoregression, error: FloatArray) -> Feedback:
-    """Return how a record's input answers a residual (K,)."""
+    """Return how a record's input responds to a residual (K,)."""
     w = noise.ahead(error) * _whole(record, noise.order)
     return answering(record.u - record.u.mean(), w, record.inputs_before)
 
@@ -206,12 +210,12 @@ def _chance(statistic: float, degrees: float, ordinates: float) -> float:
 
 
 def _length(signal: FloatArray) -> int:
-    """Return the length of a Fourier transform in which the ends of a signal (K, ...) do not meet."""
+    """Return the length, a power of two from 2 K on, of the zero-padded Fourier transform of a signal (K, ...)."""
     return 1 << (2 * len(signal) - 1).bit_length()
 
 
 def _back(noise: Autoregression, signals: FloatArray) -> FloatArray:
-    """Return the transpose of `Autoregression.ahead`."""
+    """Return signals (K, ...) filtered by the transpose of `Autoregression.ahead`."""
     result = signals.copy()
     for lag in range(1, noise.order + 1):
         result[:-lag] += noise.coefficients[lag] * signals[lag:]

@@ -7,25 +7,25 @@ model, until it no longer changes:
 .. math:: \theta \leftarrow \Big(\sum \zeta \varphi^T\Big)^{-1} \sum \zeta\, s^n/A\, y
 
 At that fixed point the equation error is exactly the output error of the model, y - B/A u: the estimate has no
-discretisation error, whatever y does between samples.  The offset and the initial state are nuisance regressors, 1/A
+discretisation error, for any y between samples.  The offset and the initial state are nuisance regressors, 1/A
 and s^i/A of an impulse; of these only the bias is reported, if the structure has one.
 
-The iteration may not converge.  Damped Gauss-Newton steps on the output error, which follow it, do.
+The iteration may not converge.  Damped Gauss-Newton steps on the output error follow, which do.
 
-Where the residual e is coloured, D(q) e = w, regressor, instruments and target are filtered by D(q), and iteration
-goes on from the best models so far.  Filter and model are found in turn.  In feedback the instruments, made of past
-inputs, are then independent of the innovation w, though not of e.
+If the residual e is coloured, D(q) e = w, then regressor, instruments and target are filtered by D(q), and the
+iteration continues from the best models so far.  Filter and model are found in turn.  In feedback the instruments, made
+of past inputs, are then independent of the innovation w, though not of e.
 
-With a reference the instruments are made of what it explains of input and output.  They are independent of all noise,
-so that the estimate is consistent whatever D(q) is, and the starts behind state-variable filters are as well.  Where
-none of these leads to a model that leaves no more than chance, starts by least squares are tried.  Steps and starts are
-compared by the part of w that the reference explains,
+With a reference the instruments are the parts of input and output that it explains.  They are independent of all noise,
+so that the estimate is consistent for any D(q), as are the starts with state-variable filters.  If none of these leads
+to a model with a J within chance, starts by least squares are tried.  Steps and starts are compared by the part of w
+that the reference explains,
 
 .. math:: J = w^T L (L^T L)^{-1} L^T w.
 
 A plant need not be stable: the filters are 1/D and the residual is A/D y - B/D u, see `replant.kernels.filters.bank`.
-Without a reference models are then compared by the error of the predicted output, as likelihood asks: a fast reflected
-pole makes the residual of any model small.
+Without a reference such models are compared by the prediction error, as in the likelihood: a fast reflected pole makes
+the residual of any model small.
 
 Source: Young and Jakeman (1980), "Refined instrumental variable methods of recursive time-series analysis, part III",
 International Journal of Control 31; Garnier and Wang (2008), "Identification of Continuous-time Models from Sampled
@@ -69,7 +69,7 @@ PROMISING = 3  # starts that are iterated further [count]
 
 AGREE = 1e-2
 """Difference of two costs up to which their models are the same root [part of the cost].
-Origin: roots that differ do so by more in the loops of the benchmark.
+Origin: in the loops of the benchmark, different roots differ by more.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -80,23 +80,23 @@ Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
 WHITENED = 60
-"""Whitened steps at the most [count].
-Origin: of 100 loops round an integrator under a load the best root had not converged after 25 steps in 4, after 60 in
+"""Most whitened steps [count].
+Origin: in 100 loops with an integrator and a load, the best root had not converged after 25 steps in 4, after 60 in
 none.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 LOUD = 3.0
-"""Variance of the residual up to which a root is considered whose residual the input answers [least of the roots].
-Origin: the innovation alone prefers a model without a numerator, which leaves the whole output to the autoregression:
-in half of the runs of the PI and PID loops under a load.
+"""Variance of the residual up to which a root is considered if the input responds to it [least of the roots].
+Origin: by the innovation alone, a model without a numerator, which leaves the whole output to the autoregression, wins
+in half of the runs of the PI and PID loops with a load.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-# the root of float64's precision: no measurement tells the initial state better
-MOST_GROWN = 18.0  # growth within the record beyond which an unstable model's simulation says nothing [exponent]
+# the root of float64's precision: no measurement determines the initial state better
+MOST_GROWN = 18.0  # growth within the record beyond which an unstable model's simulation is meaningless [exponent]
 
-# one right root in a thousand is looked for twice
+# one right root in a thousand is searched for twice
 LIKELY = 0.999  # probability of a lower J at the right model, beyond which other starts are tried [probability]
 
 
@@ -118,7 +118,7 @@ def refine(
         return _by_output_error(problem, starts, filtered=filtered, afresh=not given or afresh)
     root = _by_reference(problem, starts)
     if root is None or root.relative_misfit > chi2_quantile(LIKELY, LAGUERRE + 1):
-        # a strong load leads every start by instruments astray; least squares is biased, but less led by chance
+        # with a strong load every start by instruments is bad; least squares is biased, but scatters less
         others = _from_cutoffs(problem, by_reference=False) if not given or afresh else []
         root = _best([root, _by_reference(problem, others)])
     return None if root is None else problem.conclude(root)
@@ -127,7 +127,7 @@ def refine(
 def _from_cutoffs(
     problem: Problem, noise: Autoregression | None = None, *, by_reference: bool = True
 ) -> list[FloatArray]:
-    """Return the starts behind state-variable filters, and behind a noise model if there is one."""
+    """Return the starts with state-variable filters, also filtered by a noise model if there is one."""
     record = problem.whole
     problem.noise = Autoregression.white(1.0, problem.record.u.size) if noise is None else noise
     cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS)
@@ -136,7 +136,7 @@ def _from_cutoffs(
 
 
 def _with_fewer_poles(structure: Structure, record: Record) -> list[FloatArray]:
-    """Return the model of least output error with a pole less, as one of the structure; none where there is none."""
+    """Return the stable model of least output error with one pole fewer, in the structure's form; [] without one."""
     if structure.poles == 1:
         return []
     less = with_poles(structure, structure.poles - 1)
@@ -150,7 +150,7 @@ def _with_fewer_poles(structure: Structure, record: Record) -> list[FloatArray]:
 
 
 def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool, afresh: bool) -> Refined | None:
-    """Return the estimate of the least output error, or that of the least innovation where its noise model is right."""
+    """Return the estimate of the least output error, or that of the least innovation if its noise model is right."""
     distinct = _promising(problem, starts)
     if not distinct:
         return None
@@ -168,20 +168,20 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
         return problem.conclude(plain)
     alone = problem.is_stable(plain.model) and not problem.is_stable(root.model)
     if alone and not is_answered(problem.record, root.noise, root.done.error):
-        # an unstable plant is recorded in feedback only: what comes to the axis has fitted the drift
+        # an unstable plant is recorded in feedback only: without it, an unstable model has fitted the drift
         starts = [problem.stabilized(end.model) for end in ends if end is not None]
         ends = [problem.descend(start, WHITENED, RENEWALS, stable=True) for start in starts]
         root = _best([end for end in ends if end is not None and end.converged], problem.record)
         if root is None:
             return problem.conclude(plain)
-    if not root.converged:  # a cost with a bend at the axis takes longer
+    if not root.converged:  # a cost with a kink at the axis takes longer
         root = _best([root, problem.descend(root.model, WHITENED, RENEWALS)], problem.record) or root
-    if not (plain.converged and problem.is_stable(plain.model)):  # from where the other has come to
+    if not (plain.converged and problem.is_stable(plain.model)):  # also from the other root
         plain = _plain(problem, [plain.model, root.model], stable=problem.is_stable(plain.model))
     estimate, other = problem.conclude(plain), problem.conclude(root)
     if estimate is None or other is None:
         return estimate or other
-    if not (root.converged or root.at_bend) and plain.converged and problem.is_stable(plain.model):
+    if not (root.converged or root.at_kink) and plain.converged and problem.is_stable(plain.model):
         return estimate
     chance = chance_of(problem.structure, problem.whole, estimate, other)
     if chance < FALSE_ALARM and (near := _likelier_near(problem, root, plain)) is not None:
@@ -189,23 +189,23 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
         chance = chance_of(problem.structure, problem.whole, estimate, other)
     if chance >= FALSE_ALARM:
         return other
-    if chance >= ALPHA:  # too little to accuse the structure by itself
+    if chance >= ALPHA:  # not enough by itself to reject the structure
         chance = chance_of_dynamics(problem.structure, problem.whole, other)
         return other if chance >= FALSE_ALARM else estimate
     return replace(estimate, disagreement=disagreement(problem.structure, problem.whole, estimate, other))
 
 
 def _whitened_start(problem: Problem, noise: Autoregression) -> list[FloatArray]:
-    """Return the likeliest start behind state-variable filters and a noise model; none where there is none."""
-    # the output error tells the starts apart by how well they follow a drift, where that is larger than what u moves
+    """Return the likeliest start with state-variable filters and a noise model; [] without one."""
+    # the output error ranks starts by how well they follow a drift, if that is larger than the response to u
     tried = [(problem.misfit(problem.run(start)), start) for start in _from_cutoffs(problem, noise)]
     _, likeliest = min(tried, key=lambda each: each[0], default=(math.inf, None))
     return [] if likeliest is None else [likeliest]
 
 
 def _likelier_near(problem: Problem, root: Root, plain: Root) -> Refined | None:
-    """Return the least output error near a filtered root, where that is another root, and likelier, than the plain."""
-    # the specification test is about one root: another one, chosen among all, may simulate better by a drift it follows
+    """Return the estimate of least output error near a filtered root; None unless it is likelier than the plain one."""
+    # the specification test is about one root; another root, chosen among all, may simulate better by following a drift
     near = problem.polished(root.model, stable=problem.is_stable(plain.model))
     costs = []
     for end in (near, plain):
@@ -217,7 +217,7 @@ def _likelier_near(problem: Problem, root: Root, plain: Root) -> Refined | None:
 
 
 def _promising(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = False) -> list[FloatArray]:
-    """Return the models of least output error that iterations from the starts lead to."""
+    """Return up to `PROMISING` distinct models of least output error, iterated from the starts."""
     tried = [problem.improve(start, SHORT, SHORT, stable=stable) for start in starts]
     tried.sort(key=lambda outcome: outcome[0])
     for _, _, last in list(tried[:PROMISING]):
@@ -236,8 +236,8 @@ def _plain(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = Fal
 
 
 def _runs_away_surely(problem: Problem, model: FloatArray, power: float) -> bool:
-    """Return whether an unstable model, simulated, explains surely more than a stable one whose error has a power."""
-    # a drift that it has fitted leaves slow noise, whose samples are few independent ones
+    """Return whether an unstable model, simulated, explains surely more than a stable one with error ``power``."""
+    # a fitted drift leaves slow noise, with few independent samples
     record, plant = problem.whole, problem.structure.transfer_function(model[: problem.structure.size])
     if float(roots(plant.den).real.max()) * record.span > MOST_GROWN:
         return False
@@ -249,16 +249,16 @@ def _runs_away_surely(problem: Problem, model: FloatArray, power: float) -> bool
     square = float(np.nanmean(error**2))
     if not 0.0 < square < power:
         return square < power
-    if not runs_away(plant.den, record.span):  # as the estimate of an integrator does not
+    if not runs_away(plant.den, record.span):  # as with the estimate of an integrator
         return True
     noise = Autoregression.of_residual(np.nan_to_num(error), record.predecessors, record.count)
     return 0.5 * record.count / duration_of(noise.coefficients) * math.log(power / square) > -math.log(ALPHA)
 
 
 def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None:
-    """Return the root of which the reference explains least."""
-    # whitened from the first step on: under a load that drifts, the reference explains so little of an unfiltered
-    # residual that a model without a numerator seems the best
+    """Return the root whose residual the reference explains least."""
+    # whitened from the first step on: with a drifting load, the reference explains so little of an unfiltered residual
+    # that a model without a numerator seems the best
     tried = []
     for start in starts:
         problem.noise = Autoregression.white(1.0, problem.record.u.size)
@@ -273,7 +273,7 @@ def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None
 
 
 def _distinct(tried: Sequence[tuple[float, FloatArray]]) -> Iterator[tuple[float, FloatArray]]:
-    """Yield the models whose cost differs from that of every one before."""
+    """Yield the models whose cost differs from that of every earlier one."""
     costs: list[float] = []
     for cost, model in tried:
         if not any(abs(cost - one) <= AGREE * abs(one) for one in costs):
@@ -282,23 +282,23 @@ def _distinct(tried: Sequence[tuple[float, FloatArray]]) -> Iterator[tuple[float
 
 
 def _best(ends: Sequence[Root | None], record: Record | None = None) -> Root | None:
-    """Return the root with the least innovation of a record, among those not too loud; by a reference the least J."""
+    """Return the root of least innovation in a record, among those not too loud; without ``record``, of least J."""
     found = [end for end in ends if end is not None and math.isfinite(end.innovation)]
     if not found:
         return None
-    # J tells a model that leaves the output to the autoregression from a right one, however loud its residual is: that
-    # of an integrator under a load of its input wanders far
+    # J distinguishes a right model from one that leaves the output to the autoregression, however large the residual
+    # is: with a load at the input of an integrator it wanders far
     if record is None:
         return min(found, key=lambda end: end.relative_misfit)
     limit, likeliest = LOUD * min(end.done.cost for end in found), _likeliest(found)
-    # the output is left to the autoregression where the input answers it; in open loop what is loud is a drift
+    # in feedback a loud root leaves the output to the autoregression; in open loop a large residual is a drift
     if likeliest.done.cost <= limit or not is_answered(record, likeliest.noise, likeliest.done.error):
         return likeliest
     return _likeliest([end for end in found if end.done.cost <= limit])
 
 
 def _likeliest(ends: Sequence[Root]) -> Root:
-    """Return the root with the least innovation, one that has converged if there is one alike."""
+    """Return the root of least innovation, a converged one among equals."""
     least = min(end.innovation for end in ends)
     alike = [end for end in ends if end.innovation <= (1.0 + AGREE) * least]
     return min(alike, key=lambda end: (not end.converged, end.innovation))

@@ -1,6 +1,6 @@
-r"""The steps of refined instrumental variables: a structure, a record, passes of models over it, better models.
+r"""The steps of refined instrumental variables: evaluation of models on a record, and steps to better ones.
 
-`replant.estimation.solver.srivc` has the equations and the way from the starts to the estimate.
+`replant.estimation.solver.srivc` has the equations, and the sequence from the starts to the estimate.
 """
 
 from __future__ import annotations
@@ -21,34 +21,34 @@ from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import combined, products, real_coefficients, roots, solve, sum_of_squares
 from replant.numerics.projections import amounts_of, orthogonal
 
-# of 10,000 samples that is a hundredth of a unit of chi-square, a tenth of a standard deviation
+# with 10,000 samples .01 of chi-square, .1 standard deviations
 STALLED = 1e-6  # decrease of the cost below which an iteration stalls [part of the cost]
-STILL = 1e-3  # movement of the estimate below which it has converged [standard deviations of what an entry tells]
+STILL = 1e-3  # movement of an entry below which an iteration has converged [standard deviations; `descend`: variances]
 DONE = 1e-6  # gain of a Gauss-Newton step below which the fit is done: .001 standard deviations [residual's variances]
-# a third of a standard deviation: where poles are as fast as the sampling the instruments' root is not the least cost
-NEARLY_DONE = 0.1  # the same where no shorter step gains anything either [variances of the residual]
-DIFFERENCE = 1e-5  # step of differences that make derivatives: float64's cube root [part of a coefficient]
-HALVINGS = 10  # halvings of a Gauss-Newton step at the most: a thousandth is left of it [count]
-POLISH = 30  # Gauss-Newton steps at the most [count]
-STALLS = 6  # steps that may gain nothing to speak of before an iteration counts as ended: a limit of effort [count]
+# a third of a standard deviation: with poles as fast as the sampling, the instruments' root is not the least cost
+NEARLY_DONE = 0.1  # the same if shorter steps gain nothing either [variances of the residual]
+DIFFERENCE = 1e-5  # step of numerical derivatives: the cube root of float64's precision [part of a coefficient]
+HALVINGS = 10  # lengths tried of a damped step, each half of the last: down to 1/512 [count]
+POLISH = 30  # most Gauss-Newton steps [count]
+STALLS = 6  # steps without a notable gain after which an iteration ends: a limit of effort [count]
 SLOW = 0.01  # gain of the last `STALLS` whitened steps below which they end: .1 deviations [innovation's variances]
-# growth of the cost that a whitened step may bring [part of the cost]: the root of the instruments' equations lies
-# beside the least cost.  With a reference J is chi-squared at it, and may grow however short a step towards it is
+# growth of the cost that is allowed in a whitened step [part of the cost]: the root of the instruments' equations is
+# not the least cost.  With a reference, J is chi-squared at the root, and may grow in a step of any length
 SLACK = {False: 1e-3, True: 0.02}
-FASTEST = 3.0  # bound of a pole's magnitude: beyond pi / dt it lies above half the sampling rate [1 / sampling time]
+FASTEST = 3.0  # largest magnitude of a pole: just below half the sampling rate, pi / dt [1 / sampling time]
 
 
-# that many residuals tell their variance to a fifth
-SOONEST = 50  # fewest samples before or since a change that are looked into, and between two looks [samples]
+# the variance of so many residuals is known to a fifth
+SOONEST = 50  # fewest samples before and after a change in a search, and between two searches [samples]
 
 
 class Problem:
-    """The fit of one structure to one record: passes of models over it, and the steps from model to model."""
+    """The fit of one structure to one record: evaluates models on it, and makes steps from model to model."""
 
     def __init__(self, structure: Structure, record: Record, beside: FloatArray | None = None) -> None:
         self.whole, self._unknown = record, record.unknown(structure.delay)
         self._beside = beside
-        # without the samples at its beginning that answer to unknown inputs, because of a dead time
+        # without the first samples, which depend on inputs before the record because of the dead time
         self.structure, self.record = structure, record.last(record.u.size - self._unknown) if self._unknown else record
         # a filter's poles lie left of -slowest, their magnitudes are at most fastest, in rad/s
         self.slowest, self.fastest = stability_margin(record), FASTEST / record.dt
@@ -65,14 +65,14 @@ class Problem:
         return done if self._beside is None else done.without(self._beside)
 
     def run_whole(self, model: FloatArray, *, filled: bool = True) -> Pass:
-        """Return the same with the samples that answer to unknown inputs."""
+        """Return the pass over the whole record, also over samples that depend on inputs before it."""
         parts = None if self.projection is None else self.projection.parts
         if filled or self.whole.measured is None:
             return self._model.run(model, self.whole, parts)
         return self._model.run(model, replace(self.whole, measured=None), parts).of(self.whole.measured)
 
     def scores(self, model: FloatArray, signals: FloatArray) -> float:
-        """Write slopes and residual (K, T + 1) without nuisances, record whole; return how much larger its error is."""
+        """Write slopes and residual (K, T + 1) of the whole record; return rms prediction error over rms residual."""
         record, alone = self.whole, self.projection is None and len(self.whole.parts) == 1 and self.is_stable(model)
         if alone:
             _, output = self._model.branch(model, record, constant=True, rows=signals)
@@ -81,14 +81,14 @@ class Problem:
             if record.measured is not None:
                 signals[~record.measured] = 0.0
             return 1.0
-        # the error is the measured less the predicted output; where the model is stable it is the residual itself
+        # the prediction error of a stable model is the residual itself
         done = self.run_whole(model)
         power = sum_of_squares(done.error)
         signals[:, :-1], signals[:, -1] = done.zeta, done.error
         return math.sqrt(done.power / power) if power > 0.0 else math.nan
 
     def is_stable(self, model: FloatArray) -> bool:
-        """Return whether no pole of ``model`` (T,) is reflected."""
+        """Return whether no pole of ``model`` (T,) has to be reflected: all lie left of -slowest."""
         poles = roots(np.append(1.0, model[self.structure.denominator]))
         return bool(poles.real.max() < -self.slowest)
 
@@ -97,14 +97,14 @@ class Problem:
         return self._speed(model) < self.fastest
 
     def _speed(self, model: FloatArray) -> float:
-        """Return a magnitude in rad/s that some pole has at least; infinite where the denominator is not finite."""
+        """Return a lower bound in rad/s of the largest pole magnitude; infinite if the denominator is not finite."""
         a = model[self.structure.denominator]
         if not np.isfinite(a).all():
             return math.inf
         return float((np.abs(a) ** (1.0 / np.arange(1, a.size + 1))).max()) / a.size
 
     def bounded(self, model: FloatArray, fastest: float = 0.0) -> FloatArray:
-        """Return ``model`` (T,) with no pole faster than the bound, unless all are slower than ``fastest`` [rad/s]."""
+        """Return ``model`` (T,) with pole magnitudes up to `FASTEST`; unchanged if `_speed` is at most ``fastest``."""
         if self.is_usable(model) or self._speed(model) <= fastest:
             return model
         n = self.structure.poles
@@ -117,10 +117,10 @@ class Problem:
         return np.concatenate([np.asarray(a, np.float64), model[n:]])
 
     def from_cutoff(self, cutoff: float, *, by_reference: bool = True) -> FloatArray | None:
-        """Return the estimate behind (s + cutoff)^n by least squares or a reference's instruments; None if singular."""
+        """Return the estimate with filter (s + cutoff)^-n, by least squares or reference; None if singular."""
         n = self.structure.poles
         a = np.asarray(np.poly(np.full(n, -cutoff))[1:], np.float64)
-        # without a numerator the model's output is no guess of outputs that were not measured: those that were, are
+        # a model without a numerator does not predict missing outputs: the record's interpolated ones are used
         done = self.run(np.concatenate([a, np.zeros(self._model.entries - n)]), filled=False)
         phi = self.whiten(done.phi)
         zeta = phi if self.projection is None or not by_reference else self.whiten(done.zeta)
@@ -128,28 +128,28 @@ class Problem:
         return None if found is None else self.bounded(found)
 
     def with_nuisances(self, model: FloatArray) -> FloatArray:
-        """Return ``model`` (T,) with the offset and the initial state that explain most."""
+        """Return ``model`` (T,) with the offset and the initial state that fit best."""
         done, count = self.run(model), self.structure.poles + 1
         more = amounts_of(done.phi[:, -count:], done.error)
         return np.concatenate([model[:-count], model[-count:] + more])
 
     def whiten(self, signals: FloatArray) -> FloatArray:
-        """Return D(q) x of ``signals`` (K, ...), weighted where the past is not known."""
+        """Return D(q) x of ``signals`` (K, ...), weighted where the past is unknown."""
         return self.record.whitened(self.noise, signals)
 
     def is_rounding(self, done: Pass) -> bool:
-        """Return whether only rounding is left of the residual."""
+        """Return whether the residual is only rounding."""
         return done.cost <= ROUNDING * float(np.mean(self.record.y**2))
 
     def renew_noise(self, done: Pass) -> None:
-        """Model the residual of a pass; what only rounding is left of counts as white."""
+        """Fit the noise model to the residual of a pass; rounding counts as white."""
         if self.is_rounding(done):
             self.noise = Autoregression.white(sum_of_squares(done.error), self.record.count)
         else:
             self.noise = Autoregression.of_residual(done.error, self.record.predecessors, self.record.count)
 
     def misfit(self, done: Pass) -> float:
-        """Return J, what the reference explains of the whitened residual; without one, the power of that of `ahead`."""
+        """Return J, the power of the white residual that the reference explains; without one, that of white `ahead`."""
         white = self.whiten(done.ahead if self.projection is None else done.error)
         if not np.isfinite(white).all():
             return math.inf
@@ -159,7 +159,7 @@ class Problem:
         return float(np.sum((basis.T @ products(functions, white[:, None])) ** 2))
 
     def _functions(self, projection: Projection) -> tuple[FloatArray, FloatArray]:
-        """Return the reference's whitened functions (K, L) and what makes them orthonormal, kept per noise model."""
+        """Return the reference's whitened functions (K, L) and their orthonormaliser, kept for a noise model."""
         if self._basis is None or self._basis[0] is not self.noise:
             functions = self.whiten(projection.functions[self._unknown :])
             self._basis = self.noise, functions, orthogonal(products(functions, functions))
@@ -168,7 +168,7 @@ class Problem:
     def improve(
         self, theta: FloatArray, iterations: int, patience: int, *, stable: bool
     ) -> tuple[float, FloatArray, FloatArray | None]:
-        """Iterate the instrumental-variable step."""
+        """Iterate the instrumental-variable step; return least cost, its model, and the last model (or None)."""
         best, best_model, stalls = math.inf, theta, 0
         current = theta
         for _ in range(iterations):
@@ -220,24 +220,24 @@ class Problem:
         return model, done, False
 
     def polished(self, start: FloatArray, *, stable: bool = False) -> Root:
-        """Return where steps on the output error end, and the noise model of its residual."""
+        """Return the root that steps on the output error lead to, with the noise model of its residual."""
         model, done, converged = self.polish(start, stable=stable)
         self.renew_noise(done)
         return Root(model, done, self.noise, done.cost, done.power, converged, converged, filters=False)
 
     def conclude(self, root: Root, prior: Prior | None = None) -> Refined | None:
-        """Return the estimate that an iteration has come to."""
+        """Return the estimate of a root, see `refined_estimate.conclude`."""
         return conclude(self.structure, self.record, root, self.projection, prior)
 
     def _damped(
         self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], own: float,
         halved: int = 0, *, slack: float = 0.0, rise: float = 0.0,
     ) -> tuple[FloatArray, Pass, int] | None:  # fmt: skip
-        """Return the model after the longest step that costs less, its pass, and the halvings the next begins with.
+        """Return the model after the longest step that lowers the cost, its pass, and the next step's first halvings.
 
-        It begins with ``halved``, up to four times as long as the last one taken.  The ``own`` cost may be exceeded by
-        a part of the slack as large as that of the step, or by a ``rise`` however short it is.  None where no step is
-        short enough, or, without a rise, where the parabola through own cost and the last two goes up from there.
+        The first length has ``halved`` halvings; the next step begins four times as long as this one.  The cost may
+        exceed ``own`` by a ``rise`` at any length, and by ``slack`` times the part of the full step.  None if no length
+        suffices, or, without a rise, if the parabola through ``own`` and the last two costs rises from the model on.
         """
         longer, fastest = math.inf, max(self.fastest, self._speed(model))
         for halvings in range(halved, HALVINGS):
@@ -255,7 +255,7 @@ class Problem:
 
     def _slopes(self, model: FloatArray, done: Pass) -> FloatArray:
         """Return the derivatives (K, T) of the output, those along the denominator by differences."""
-        # the instruments join the model's output by straight lines: where poles are fast, they are no derivatives
+        # the instruments interpolate the model's output linearly: with fast poles they are not its derivatives
         slopes = done.phi.copy()
         sizes = real_coefficients(model[self.structure.denominator], 1.0 / self.record.span)
         for i, size in enumerate(sizes):
@@ -265,7 +265,7 @@ class Problem:
         return slopes
 
     def stabilized(self, model: FloatArray) -> FloatArray:
-        """Return ``model`` (T,) with the poles reflected that are not stable."""
+        """Return ``model`` (T,) with unstable poles reflected into the left half-plane."""
         poles = roots(np.append(1.0, model[self.structure.denominator]))
         if not np.isfinite(poles).all() or poles.real.max() < -self.slowest:
             return model
@@ -275,13 +275,13 @@ class Problem:
     def descend(
         self, model: FloatArray, steps: int, renewals: Sequence[int] = (), *, stable: bool = False
     ) -> Root | None:
-        """Take damped steps on the whitened residual; None where the first pass fails."""
+        """Take damped steps on the whitened residual; None if the first pass fails."""
         done = self.run(model)
         if not math.isfinite(done.cost):
             return None
         settled, moved = max(renewals, default=0), math.inf
         costs: list[float] = []  # of the steps since the noise model was last renewed
-        stuck, halved = False, 0  # whether no step lowers the cost
+        stuck, halved = False, 0  # stuck: no step lowers the cost
         is_own = False  # whether the noise model is that of this very model
 
         def cost(tried: FloatArray, done: Pass) -> float:
@@ -299,8 +299,8 @@ class Problem:
             variance = max(sum_of_squares(white) / self.record.count, 1e-300)
             own, better = self.misfit(done), None
             more = SLACK[self.projection is not None] * own
-            # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for sure
-            # where that is the innovation's power, but J has the noise of the instruments in it
+            # the instrumental-variable step converges from afar; the Gauss-Newton step is sure to lower the power of
+            # the innovation, but not J, which contains the noise of the instruments
             companions = [self.whiten(done.phi), zeta]
             if self.projection is None:
                 companions.reverse()
@@ -331,20 +331,20 @@ class Problem:
         white = self.whiten(done.error if self.projection is not None else done.ahead)
         variance = sum_of_squares(white) / self.record.count
         converged = moved <= NEARLY_DONE
-        # without a reference the cost has a bend where a pole crosses the axis, and steps go to and fro about it
+        # without a reference the cost has a kink where a pole crosses the axis, about which steps oscillate
         stalls = self.projection is None and _stalls(costs, NEARLY_DONE * variance)
-        at_bend = self.projection is None and stuck
-        ends = converged or stalls or (at_bend and step > settled)
-        return Root(model, done, self.noise, variance, self.misfit(done), converged, ends, at_bend=at_bend)
+        at_kink = self.projection is None and stuck
+        ends = converged or stalls or (at_kink and step > settled)
+        return Root(model, done, self.noise, variance, self.misfit(done), converged, ends, at_kink=at_kink)
 
 
 def is_long_enough(structure: Structure, record: Record) -> bool:
-    """Return whether a record has more samples that say something than a model has parameters and nuisances."""
+    """Return whether a record has more usable samples than a model has parameters and nuisances."""
     return record.count - record.unknown(structure.delay) > 2 * structure.poles + structure.zeros + 3
 
 
 def least_since(structure: Structure) -> int:
-    """Return the fewest samples before or since a change that are looked into."""
+    """Return the fewest samples needed before and after a change."""
     return max(4 * (2 * structure.poles + structure.zeros + 2), SOONEST)
 
 

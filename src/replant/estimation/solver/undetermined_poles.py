@@ -1,21 +1,21 @@
-r"""Poles that a record does not tell: without them, moved beyond all frequencies, it is as likely within chance.
+r"""Poles that a record does not determine: with these infinitely fast, it is as likely within chance.
 
-What lies beyond the frequencies that the input excites, or under the noise, the likelihood tells badly: the estimate
-puts such a pole, or a lightly damped pair, where it fits the noise, and the curvature there says that it is known.  The
-coefficients of A(s) hold the product of all poles, so that they are off by as much as it is.
+Dynamics beyond the frequencies that the input excites, or below the noise, are badly determined: the estimate puts such
+a pole, or a lightly damped pair, where it fits the noise, and by the curvature there it seems to be known.  The
+coefficients of A(s) contain the product of all poles, so that they have the same relative error.
 
-For each real pole p, and each pair, the model without it is fitted, its poles :math:`A_-`.  Of the K/2 frequencies at
-which noise may look like a pair, the one where it does so most explains by chance less than
+For each real pole p, and each pair, the model without it is fitted, with denominator :math:`A_-`.  Noise may look like
+a pair at K/2 frequencies; the best of these explains by chance less than
 
 .. math:: 2 \ln \frac{K}{2 \alpha}
 
-variances of the residual, with a probability of 1 - alpha.  A pole that explains less may as well be infinitely fast.
-The covariance is then larger along the way there, :math:`[A, B] \propto [A_-, B_-]`, for a pair also along
-:math:`[s A_-, 0]`, by as much as the coefficients are.  What G(s) does where it was excited hardly changes on that way.
+variances of the residual, with a probability of 1 - alpha.  A pole that explains less may be infinitely fast.  The
+covariance is then enlarged in the direction of such a model, :math:`[A, B] \propto [A_-, B_-]`, for a pair also of
+:math:`[s A_-, 0]`, by the size of the coefficients.  G(s) hardly changes in this direction where it was excited.
 
-Where more poles are asked for than the record tells, the least error may lie where the surplus ones are infinitely
-fast.  Of the coefficients that is infinity, with unstable poles behind it, and steps from slower poles end far off.
-The model with fewer poles, `grown` by poles beyond all frequencies, lies next to it and explains as much.
+If a model has more poles than the record determines, the least error may lie at infinitely fast surplus poles.  There
+the coefficients are infinite, with unstable poles beyond, and steps from slower poles end far off.  The model with
+fewer poles, `grown` by very fast poles, is close to it and explains as much.
 
 Source: Davies (1987), "Hypothesis testing when a nuisance parameter is present only under the alternative", Biometrika
 74; Turkman and Walker (1984), "On the asymptotic distributions of maxima of trigonometric polynomials and random sums
@@ -45,25 +45,25 @@ from replant.numerics.projections import without
 
 ComplexArray = np.ndarray[Any, np.dtype[np.complex128]]
 
-# fitting what is left of the model explains some of it again, but seldom as much
-WORTH_FITTING = 10.0  # part that a pole has in the output beyond which it is told, no fit being needed [limits]
+# a fit of the smaller model explains some of it again, but seldom as much
+WORTH_FITTING = 10.0  # power due to a pole above which it is determined without such a fit [limits]
 
 INFINITE = 300.0
-"""Magnitude of a pole that delays by too little to be told from an infinitely fast one [1 / sampling time].
-Origin: of 90 fits with a pole more than the one before, of random plants up to twice as fast as the sampling, 6
-explained less by a point at 10, 1 at 30, none at 100, 300 and 1000; 8 without a start from fewer poles.
+"""Magnitude of a pole whose lag is too small to distinguish it from an infinitely fast one [1 / sampling time].
+Origin: of 90 fits with one pole more than the fit before, of random plants up to twice as fast as the sampling, 6 were
+worse by a point with 10, 1 with 30, none with 100, 300 and 1000; 8 without a start from fewer poles.
 Sensitivity: not measured.
 """
 
 
 @quiet
 def with_untold(structure: Structure, record: Record, found: Refined) -> Refined:
-    """Return an estimate whose covariance knows of poles that the record does not tell."""
+    """Return an estimate with its covariance enlarged for poles that the record does not determine."""
     problem = Problem(structure, record)
     if structure.poles < 2 or problem.projection is not None or not problem.is_stable(found.theta):
         return found
     if cancelled_pole(structure, found.theta, found.covariance) is not None:
-        return found  # no coefficient is known anyway
+        return found  # no coefficient is determined anyway
     ways = list(_ways(problem, found))
     if not ways:
         return found
@@ -71,7 +71,7 @@ def with_untold(structure: Structure, record: Record, found: Refined) -> Refined
     zeta = problem.run(found.theta).zeta
     if found.noise.filters:
         zeta = problem.record.whitened(found.noise_model, zeta)
-    # a recursion that goes on from here has the covariance P Q P with P = (sum zeta zeta')^-1
+    # a recursion that continues from here has the covariance P Q P with P = (sum zeta zeta')^-1
     scores, colour = products(zeta, combined(zeta, along)), found.colour
     power = Autoregression.of_covariances(colour.covariances).power
     if not power > 0.0:
@@ -82,7 +82,7 @@ def with_untold(structure: Structure, record: Record, found: Refined) -> Refined
 
 
 def _ways(problem: Problem, found: Refined) -> Iterator[FloatArray]:
-    """Yield directions (T,) along which poles that are not told may move."""
+    """Yield the directions (T,) in which undetermined poles may move."""
     structure, done = problem.structure, problem.run(found.theta)
     noise, limit = found.noise_model, 2.0 * math.log(0.5 * problem.record.count / ALPHA)
 
@@ -121,7 +121,7 @@ def _smaller(structure: Structure, theta: FloatArray, left: ComplexArray, size: 
 
 
 def _towards(structure: Structure, other: Structure, model: FloatArray, speed: float) -> Iterator[FloatArray]:
-    """Yield the directions (T,) in which poles of this speed move on to leave ``model``, as long as the model is."""
+    """Yield the directions (T,), of the size of the model, in which poles of this speed move to infinity."""
     a, b = np.append(1.0, model[other.denominator]), model[other.numerator]
     gone = structure.poles - other.poles
     for power in range(gone):
@@ -134,7 +134,7 @@ def _towards(structure: Structure, other: Structure, model: FloatArray, speed: f
 
 
 def with_poles(structure: Structure, poles: int) -> Structure:
-    """Return a structure with so many poles, no more than it has, and as many of its zeros as they allow."""
+    """Return a structure with ``poles`` poles, at most its own, and as many of its zeros as they allow."""
     return replace(structure, poles=poles, zeros=min(structure.zeros, poles - (not structure.feedthrough)))
 
 
