@@ -258,7 +258,7 @@ FORMER = np.arange(400) < 200
         (U, Y, {"poles": (1, 1), "reference": np.column_stack([Y, Y * np.nan])}, "reference 2 has no number"),
         (U, np.column_stack([Y, Y * np.nan]), {"poles": (1, 1)}, "output y2 has no number that can be used"),
         (U[:, :1], Y, {"poles": 1}, r"there is 1 input: give the number of poles of each, poles=\(1,\)"),
-        (U[:10], Y[:10], {"poles": (1, 1), "delay": (0.0, 5 * DT)}, "has 5 usable samples behind the dead time"),
+        (U[:10], Y[:10], {"poles": (1, 1), "delay": (0.0, 5 * DT)}, "has 5 usable samples after the dead time"),
         (U[:8], Y[:8], {"poles": (1, 1), "delay": (0.0, 3 * DT)}, "fewer than the 8 that 7 unknowns need"),
     ],
 )

@@ -1,1 +1,1 @@
-"""Fitting: fit and search over records, a first look at a log, and the kept `Model`: JSON, responses, validation."""
+"""Fitting: fit and search over records, inspection of a log, and the `Model`: JSON, responses, validation."""

@@ -72,15 +72,15 @@ def fit(
     r"""Fit G(s) to a whole record.
 
     "srivc" is refined instrumental variables, see `replant.estimation.solver.srivc`: consistent under noise of any
-    colour, has no discretisation error, and gives a covariance; the plant need not be stable.  Where a controller makes
-    the input it is so with a reference; without one as far as the noise model is right.  "least_squares" minimises the
-    equation error
+    colour, has no discretisation error, and gives a covariance; the plant need not be stable.  If a controller makes
+    the input, it is consistent with a reference; without one, if the noise model is right.  "least_squares" minimises
+    the equation error
     :math:`\sum_k (y(t_k) - \theta_\lambda^T \varphi_{uy}(t_k))^2`, as the article does for its Table 6.  Measurement
     noise biases it, because the regressor contains the noisy output.
 
-    Of several inputs each has poles and a dead time of its own: the columns of ``u`` and an entry of ``poles`` for
-    each.  The row of transfer functions is found by maximum likelihood, with one noise model and one covariance.  Of
-    several outputs, the columns of ``y``, there is such a row each, estimated by itself.
+    With several inputs, the columns of ``u``, each has its own poles and dead time: an entry of ``poles`` for each.
+    The row of transfer functions is found by maximum likelihood, with one noise model and one covariance.  With several
+    outputs, the columns of ``y``, each has such a row, estimated by itself.
 
     Parameters
     ----------
@@ -94,26 +94,26 @@ def fit(
     structure : Structure
         Or ``poles``, ``zeros`` and ``delay`` in its place.
     poles, zeros : int or tuple of int
-        Number of poles and of zeros; of several inputs an entry for each.  Of several outputs these are those of all,
-        or a tuple for each output.
+        Number of poles and of zeros; with several inputs an entry for each.  With several outputs, the same for all, or
+        a tuple for each output.
     delay : float or tuple of float
         Dead time in s.
     method : {"auto", "srivc", "least_squares"}
         "auto" is "srivc", and least squares if that finds no model, for example if the input hardly moves.
     filter : StateVariableFilter, RefinedFilter or "auto"
-        "srivc" uses its `input_hold` alone, what the input does between samples; "auto" is that of the log, and of
-        arrays "zoh".  Least squares needs a StateVariableFilter; "auto" tries a range of cutoffs and takes the one
+        "srivc" uses only its `input_hold`, the input between samples; "auto" is that of the log, and "zoh" for
+        arrays.  Least squares needs a StateVariableFilter; "auto" tries a range of cutoffs and takes the one
         whose model simulates the record best.
     preprocess : Preprocess
-        Input map and working point, by default that of a log's means, and of arrays 0.  "srivc" estimates the offset
-        of the output in any case.
+        Input map and working point, by default the means of a log, and 0 for arrays.  "srivc" estimates the offset of
+        the output in any case.
     t : (K,) array, optional
         Time stamps in s, strictly increasing, of an irregular clock; for "srivc".
     reference : (K,) array, optional
-        Where a controller makes the input: the set-point or a dither, whatever is applied from outside and knows
-        nothing of the disturbances; for "srivc".  The unit does not matter.  A sample whose reference is not finite is
-        left out.  Or (K, p) of p references, where there are several inputs: an input that none of them moves, or that
-        answers to no disturbance, counts as one from outside.
+        If a controller makes the input: the set-point or a dither, any external signal that is independent of the
+        disturbances; for "srivc".  The unit does not matter.  A sample whose reference is not finite is left out.  Or
+        (K, p) of p references, with several inputs: an input that none of them moves, or that does not respond to
+        disturbances, counts as external.
     input, output : str, optional
         Columns, several as a list, of a table of pandas or polars, which is given in place of ``u``; ``t`` and
         ``reference``, of several a list, may name columns, too.  It is read as `read_log` reads a file of its columns;
@@ -203,7 +203,7 @@ def fit_samples(
 
 
 def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples) -> FitResult:
-    """Return the fit of a record that is parted at its loads where that is surely right, else the one given."""
+    """Return the fit of a record divided at its loads if that is surely right, and trusted; else the one given."""
     rows = np.flatnonzero(raw.made_use_of)
 
     def with_loads(loads: tuple[int, ...]) -> RawRecord:
@@ -217,12 +217,12 @@ def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples
     parted = _with_record(made, with_loads(found.loads), given, found.solution.record)
     if found.is_sure and parted.verdict.status == "trusted":
         return parted
-    # where that may be right, and G(s) another one then, the one given may not be trusted
+    # if the division may be right, and changes G(s), the fit that was given must not be trusted
     return dataclasses.replace(whole, rival=parted) if differ(raw.structure, solution, found.solution) else whole
 
 
 def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Record) -> FitResult:
-    """Return a result with the record that its verdict looks at, and the names of its signals."""
+    """Return a result with the record that its verdict uses, and the names of its signals."""
     if result.reference is not None and record.r is None:
         record = dataclasses.replace(record, r=raw.made_ready(result.reference.signal).r)
     record = dataclasses.replace(record, rest=0 if given.begins else given.rest)
@@ -258,7 +258,7 @@ def _refined_result(
         output = measured.copy()
         output[raw.made_use_of] -= error
         simulation = Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
-    answers = np.ones(raw.u.size, bool)  # what answers to inputs from before the record is in no fit
+    answers = np.ones(raw.u.size, bool)  # outputs that depend on inputs before the record are in no fit
     answers[raw.made_use_of] = solution.record.answers(structure.delay)
     outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
     return FitResult(

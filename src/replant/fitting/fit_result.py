@@ -1,4 +1,4 @@
-"""FitResult: what `fit` gives, the model that is kept of it, and what a reference was worth to it."""
+"""FitResult: the result of `fit`, its model and verdict, and the use of a reference."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class FitResult(Identified):
         Fit in percent of the output predicted one step ahead: by (8), or with "srivc" by the free run and an
         autoregression of its residual.
     simulation : Simulation
-        The free run from the input alone, with offset and initial state estimated.  Of an unstable model, which would
+        The free run from the input alone, with offset and initial state estimated.  For an unstable model, which would
         run away, the output predicted one step ahead: the one that makes the residual A/D y - B/D u zero, where D is A
         with its unstable poles reflected.
     samples : int
@@ -68,7 +68,7 @@ class FitResult(Identified):
     noise : NoiseModel or None
         The autoregression of the residual; None for least squares.
     reference : ReferenceUse or None
-        What the reference was worth; None where none was given.
+        The use of the reference; None if none was given.
     outliers : (N,) array of int
         Indices of the outputs that were left out as outliers.
     stuck : (N,) array of int
@@ -76,21 +76,21 @@ class FitResult(Identified):
     missing : (N,) array of int
         Indices of the samples without an output, whose input was used.
     loads : (N,) array of int
-        Indices of the samples since which another load acts: offset and initial state are other ones.
+        Indices of the samples at which another load begins, with new offset and initial state.
     rival : FitResult or None
         Another G(s), with loads, that explains the record better, but not surely.
     record : Record or None
-        The record made ready, with the model's outputs where they are missing or outliers: what the verdict looks at.
+        The prepared record that the verdict uses, with the model's outputs in place of those left out.
     means : tuple of two floats
-        Of the mapped input and of the output, where both can be used.
+        Of the mapped input and of the output, over samples where both can be used.
     input_level : float
-        The mapped input at which that of ``record`` is zero.
+        The mapped input that is zero in ``record``.
     filtered : bool
         Whether the model was found with the noise model as a filter.
     disagreement : float
         See `replant.estimation.solver.refined_estimate.Refined.disagreement`.
     slowness : float
-        Likewise.
+        See `replant.estimation.solver.refined_estimate.Refined.slowness`.
     usual_interval : float or None
         Median interval of the time stamps in s; None for a regular clock.
     others : mapping of str to (K,) array
@@ -98,7 +98,7 @@ class FitResult(Identified):
     input_name, output_name : str
         Names of the signals, with their units in brackets at the end.
     source, sha256 : str
-        Name and digest of the log's file, where there is one.
+        Name and digest of the log's file, if there is one.
     """
 
     structure: Structure
@@ -168,24 +168,24 @@ class FitResult(Identified):
 
     @cached_property
     def other_columns(self) -> tuple[OtherColumn, ...]:
-        """The further columns that explain a part of what the model leaves, that with most first."""
+        """The further columns that explain a part of the residual, the largest part first."""
         return other_columns(self.structure, self.parameters, self._kept, self.dt, self.others)
 
     @property
     def _loads_since(self) -> tuple[float, ...]:
-        """How long after the first sample other loads act, in s."""
+        """The times in s from the first sample to the begin of each load."""
         return tuple(self._kept.since_first(begin) for begin in self._kept.begins) if self.loads.size else ()
 
     @property
     def _plant_change(self) -> PlantChange | None:
-        """That the plant has changed within the samples that the verdict looks at; None where it has not."""
+        """The change of the plant within the samples that the verdict uses; None without one."""
         if self.method != "srivc":
             return None
         return plant_changed(self.structure, self._kept, self.parameters, loads=self.loads.size > 0, most=MOST_SAMPLES)
 
     @cached_property
     def model(self) -> Model:
-        """What is worth keeping: G(s) with working point, names, uncertainty, fit and verdict."""
+        """G(s) with working point, names, uncertainty, fit and verdict."""
         entered, given = self.working_point
         return Model(
             self.structure,
@@ -208,13 +208,13 @@ class FitResult(Identified):
 
     @property
     def working_point(self) -> tuple[float, float]:
-        """Levels of the mapped input and of the output between which G(s) acts: of a model at rest, or the means."""
+        """Levels of the mapped input and of the output about which G(s) acts: a point of rest, or the means."""
         if not self.simulation.is_prediction and has_rest(self.transfer_function, self._kept.span):
             return float(self.preprocess.input_offset), self.simulation.offset
         return self.means
 
     def bridged(self, y: FloatArray) -> FloatArray:
-        """Return an output (K,) with the model's where it is missing or an outlier: what the model was made from."""
+        """Return an output (K,) with the model's in place of outputs that were left out, as the fit used it."""
         rows = np.concatenate([self.outliers, self.stuck, self.missing])
         y = vector("y", y).copy()
         if y.size != self.simulation.output.size:
@@ -238,28 +238,28 @@ class FitResult(Identified):
 
 @dataclass(frozen=True, eq=False)
 class ReferenceUse:
-    """What a reference was worth to a fit."""
+    """The use of a reference in a fit."""
 
     signal: FloatArray  # (K,): as it was given
     used: bool  # whether instruments were made from it
-    finding: str  # in one line what is wrong with it; empty where nothing is
+    finding: str  # a line about what is wrong with it; empty if nothing is
     explained: float  # share of the input's power that it explains
-    # J, what of the whitened residual it explains, over the residual's variance: chi-square at a right model; else NaN
+    # J, the power that it explains of the whitened residual, over its variance: chi-square for a right model; else NaN
     misfit: float = math.nan
     degrees: int = 0  # of freedom of J
 
     @property
     def misfit_limit(self) -> float:
-        """What J of a right model exceeds with the chance 1e-4; NaN where the reference was not used."""
+        """The value that J of a right model exceeds with a chance of 1e-4; NaN if the reference was not used."""
         return float(chi2_quantile(1.0 - ALPHA, self.degrees)) if self.degrees > 0 else math.nan
 
     def given_up(self) -> ReferenceUse:
-        """Return it as one that is not used, where there was no reason yet because no model was found with it."""
+        """Return the use as not used, by its finding, or else because no model was found with the reference."""
         reason = self.finding or f"no model was found with the reference: {WITHOUT}"
         return replace(self, used=False, finding=reason)
 
     def concluded(self, structure: Structure, found: Refined) -> ReferenceUse:
-        """Return it with what the fit has found."""
+        """Return the use with the results of the fit."""
         if not self.used:
             return self
         degrees = max(LAGUERRE - structure.coefficients, 0)  # the constant counts on both sides

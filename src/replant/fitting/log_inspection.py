@@ -1,4 +1,4 @@
-"""Inspect a log: its columns, its clock, what its columns look like, and the options of a first fit."""
+"""Inspect a log: its columns and their roles, its clock, and the options of a first fit."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from replant.verdict.other_columns import OtherColumn, other_columns
 from replant.verdict.reasons import POOREST_FIT
 
 MOST_SAMPLES_OF_FIRST = 1000  # samples that a first model is made from: evenly spaced ones of a longer record [samples]
-DELAYS = 6  # dead times that it tries beside 0, from a sample to a quarter of the record, by equal factors [count]
+DELAYS = 6  # dead times that it tries besides 0, from a sample to a quarter of the record, by equal factors [count]
 
 
 @dataclass(frozen=True)
 class FirstModel:
-    """A model that the verdict trusts."""
+    """A model of one pole that the verdict trusts."""
 
     delay: float  # dead time in s
     time_constant: float  # in s
@@ -39,7 +39,7 @@ class FirstModel:
 
 
 def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
-    """Return the model of one pole and a dead time for a step test, which has no correlation; None if not trusted."""
+    """Return the model of one pole and a dead time for a step test, where correlation fails; None if not trusted."""
     from replant.fitting.structure_search import search
 
     every = -(-u.size // MOST_SAMPLES_OF_FIRST)
@@ -49,7 +49,7 @@ def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
         return None
     delays = dt * np.unique([0.0, *np.geomspace(1.0, u.size / 4, DELAYS).round()])
     log = Log(u, y, dt)
-    for begins in (lambda log: log, from_rest):  # of a step at once, its gain is known from rest alone
+    for begins in (lambda log: log, from_rest):  # with a step at the begin, the gain is known only from rest
         try:
             found = search(begins(log), poles=1, zeros=0, delays=delays.tolist()).best
         except ReplantError:
@@ -81,7 +81,7 @@ def with_others(recording: Recording) -> Recording:
 def beside_first_model(
     u: FloatArray, y: FloatArray, dt: float, delay: float, others: Mapping[str, FloatArray]
 ) -> tuple[OtherColumn, ...]:
-    """Return the columns that explain a part of what a model of one pole leaves; none if there is no model."""
+    """Return the columns that explain a part of the residual of a model of one pole; none if there is no model."""
     from replant.estimation.solver.solve import solve
     from replant.fitting.samples import Samples
 
@@ -93,7 +93,7 @@ def beside_first_model(
         structure = Structure(poles=1, delay=delay)
         about_means = Preprocess("identity", "mean", "mean")
         raw, _, _ = Samples(u, y, dt, None, None).checked(structure, dt, "zoh", about_means)
-        # no loads are looked for: a load may be what another column tells
+        # no search for loads: a load may be what another column shows
         solution = solve(structure, raw.made_ready(None))
     except ReplantError:
         return ()
@@ -104,31 +104,31 @@ def beside_first_model(
 
 
 POLES = 2  # poles of the model that is suggested first [count]
-# the slow beginning of two equal poles reaches 0.6
-DEAD = 1.0  # delay that is a dead time, not a slow beginning [part of the time from there to half the response]
+# the slow begin of two equal poles reaches 0.6
+DEAD = 1.0  # least delay that is a dead time, not a slow begin [part of the time from there to half the response]
 CLEAR = 3.0  # delay from which on a search for the dead time is suggested [samples]
 TRIED = 6  # dead times that this search tries [count]
 
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """What is in a log."""
+    """The content of a log."""
 
     table: Table  # the file
     contents: Contents  # its columns with their values
-    record: tuple[Column, ...]  # the columns of the record: those as long as the time, or of the length that most have
+    record: tuple[Column, ...]  # the columns of the record: those as long as the time, or of the most frequent length
     clock: Clock | None
     roles: Roles
     response: Response | None  # of the output to the input
     time_given: bool = False  # whether the time column was given
-    # further columns that explain a part of what a first model leaves of the output
+    # further columns that explain a part of the residual of a first model
     others: tuple[OtherColumn, ...] = ()
     # a model of one pole, where the input moves too seldom for a correlation, as in a step test
     first: FirstModel | None = None
 
     @property
     def rows(self) -> int:
-        """Rows of the record that were looked at."""
+        """The number of rows of the record."""
         return max((column.rows for column in self.record), default=0)
 
     @property
@@ -148,7 +148,7 @@ def inspect(
     output: str | int | None = None,
     time: str | int | None = None,
 ) -> Inspection:
-    """Return what is in a log file; what is guessed is marked as a guess."""
+    """Return the content of a log file; guesses are marked as such."""
     read = read_columns(path)
     table = side_by_side(read)
     own = None if table is read else len(table.names) - 1  # the time of channels with stamps of their own
@@ -178,8 +178,8 @@ def inspect(
 def _without_repeats(
     table: Table, contents: Contents, clock: Clock | None, *, is_held: bool
 ) -> tuple[Contents, Clock | None]:
-    """Return columns and clock with one row for each that repeats the one before, or the stamp of a row before it."""
-    # where columns have rows of their own, the last of those with the same stamp has all that is known then
+    """Return columns and clock without repeated rows; if ``is_held``, without all but the last row of a stamp."""
+    # where columns have rows of their own, the last row of a stamp has all values that are known then
     if clock is None or clock.column is None or not clock.problem:
         return contents, clock
     t = contents.values[clock.column.number]
@@ -200,13 +200,13 @@ def _without_repeats(
 
 
 def _without_clocks(signals: list[Column], contents: Contents, given: set[int]) -> list[Column]:
-    """Return the signals without further clocks, which rise in nearly equal steps; all where two are not left."""
+    """Return the signals without further clocks, which rise in nearly equal steps; all if fewer than two remain."""
     left = [column for column in signals if column.number in given or not seems_time(column, contents)]
     return left if len(left) > 1 else signals
 
 
 def _others(found: Inspection, signals: list[Column]) -> tuple[OtherColumn, ...]:
-    """Return which of the other signals explain what a model of one pole leaves."""
+    """Return the other signals that explain a part of the residual of a model of one pole."""
     u, y, r = found.roles.input, found.roles.output, found.roles.reference
     if (found.response is None and found.first is None) or u is None or y is None:
         return ()
@@ -223,7 +223,7 @@ def _sampling_time(clock: Clock | None) -> float:
 
 
 def _record(contents: Contents, clock: Clock | None, given: dict[str, int]) -> tuple[Column, ...]:
-    """Return the columns of the record, and text beside them."""
+    """Return the columns of the record's length, also those of text."""
     sizes = [contents.values[number].size for number in given.values()]
     sizes += [clock.column.rows] if clock is not None and clock.column is not None else []
     length = sizes[0] if sizes else contents.usual_length
@@ -255,7 +255,7 @@ def clock_options(found: Inspection) -> tuple[str, ...]:
 
 
 def _delay_options(found: Inspection) -> tuple[str, ...]:
-    """Return a range of dead times about that of the response, where this begins later than a plant without one."""
+    """Return a range of dead times about that of the response, if it begins later than without a dead time."""
     seen, dt = found.response, 1.0 if found.clock is None else found.clock.dt
     delay = 0.0 if found.first is None else found.first.delay
     if not delay > 0.0:
@@ -273,7 +273,7 @@ def rounded_up(value: float) -> float:
 
 
 def key_of(table: Table, column: Column) -> str:
-    """Return how an option names a column: by its name, or by its number where the name is not unique or odd."""
+    """Return how an option names a column: by its name, or by its number if the name is odd or not unique."""
     alone = sum(name == column.name for name in table.names) == 1
     plain = column.name.isprintable() and column.name.strip() == column.name and not column.name.startswith("-")
     return column.name if alone and plain else str(column.number)

@@ -1,4 +1,4 @@
-"""fit of several inputs: a row of transfer functions, each with poles and a dead time of its own, and one output."""
+"""fit with several inputs: a row of transfer functions to one output, each with its own poles and dead time."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ class RowFit:
     Attributes
     ----------
     model : RowModel
-        What is worth keeping: each G(s), working point, names, joint uncertainty, noise model, fit and verdict.
+        Each G(s), working point, names, joint uncertainty, noise model, fit and verdict.
     output : (K,) array
         Simulated from the inputs alone, offset and initial states estimated; NaN where an input cannot be used, or the
-        plant answers to inputs from before the record or a gap.
+        output depends on inputs before the record or in a gap.
     outliers, stuck, missing : (N,) arrays of int
-        Outputs that were left out: outliers, those of a sensor that is stuck or at its limit, those that are NaN.
+        Outputs that were left out: outliers, those of a sensor that is stuck or at its limit, missing ones.
     loads : (N,) array of int
-        Samples since which another load acts: offset and initial states are other ones.
+        Samples at which another load begins, with new offset and initial states.
     """
 
     model: RowModel
@@ -85,18 +85,18 @@ class RowFit:
 
     @property
     def noise(self) -> NoiseModel:
-        """The autoregression of the residual; white where the noise model had to be given up, see `verdict`."""
+        """The autoregression of the residual; white if the noise model was rejected, see `verdict`."""
         assert self.model.noise is not None, "a fit has a noise model"
         return self.model.noise
 
     @property
     def fit(self) -> float:
-        """Of ``output``, in percent."""
+        """Fit of ``output`` in percent."""
         return self.model.simulated_fit
 
     @property
     def samples(self) -> int:
-        """Outputs used."""
+        """Number of outputs used."""
         return self.model.provenance.samples
 
     @property
@@ -117,7 +117,7 @@ class RowFit:
 
 
 def is_row(given: Samples, *orders: Any) -> bool:
-    """Return whether several inputs are asked for: by columns, by a log of several, or by an entry for each."""
+    """Return whether a row is asked for: by columns of u, by a log with several inputs, or by an entry for each."""
     columns = isinstance(given.u, np.ndarray) and given.u.ndim == 2
     return columns or bool(given.more_inputs) or any(isinstance(each, tuple) for each in orders)
 
@@ -125,7 +125,7 @@ def is_row(given: Samples, *orders: Any) -> bool:
 def ready_row(
     given: Samples, poles: Any, zeros: Any, delay: Any
 ) -> tuple[RowRecord, tuple[Structure, ...], FloatArray | None, dict[str, int]]:
-    """Return the record of a row, each structure, the references (J, p), and how many samples are rejected for what."""
+    """Return the prepared record of a row, its structures, references (J, p), and rejected samples by reason."""
     columns = columns_of(given.inputs)
     output, dt = vector("y", given.y), duration("dt", given.dt)
     if output.size != len(columns):
@@ -147,16 +147,16 @@ def ready_row(
         )
     count = Row(structures, record, ready.inputs).count if is_long else record.count
     if count <= size:
-        behind = " behind the dead time and gaps" if is_long else ""
+        where = " after the dead time and gaps" if is_long else ""
         raise InvalidArgumentError(
-            f"the record has {count} usable samples{behind}, fewer than the {size + 1} that {size} unknowns need: "
+            f"the record has {count} usable samples{where}, fewer than the {size + 1} that {size} unknowns need: "
             "record more, or ask for fewer poles and zeros"
         )
     return ready, structures, None if references is None else held(references[ready.used]), rejected
 
 
 def check_numbers(given: Samples, columns: FloatArray, output: FloatArray, references: FloatArray | None) -> None:
-    """Raise InvalidArgumentError for a signal that has no number: it is named."""
+    """Raise an InvalidArgumentError that names a signal without usable numbers."""
     names = given.input_names or unnamed(columns.shape[1])
     signals = [
         *zip((f"input {name}" for name in names), columns.T, strict=True),
@@ -203,7 +203,7 @@ def row_fit(
     rejected: dict[str, int],
     output_name: str = "y",
 ) -> RowFit:
-    """Return what is kept of a solution of a record, whose measured output is (K,), and what was left out of it."""
+    """Return the fit of a solution of a record, given the measured output (K,), with the samples that were left out."""
     row, found, doubted = solution
     point, noise = found.point, found.noise
     doubt = np.full(output.size, Doubt.MISSING)
@@ -233,7 +233,7 @@ def row_fit(
 
 
 def structures_of(inputs: int, poles: Any, zeros: Any, delay: Any) -> tuple[Structure, ...]:
-    """Return the structure of each of several inputs; a single number of zeros or dead time is that of all.
+    """Return the structure of each of several inputs; a single number of zeros or dead time holds for all.
 
     >>> structures_of(2, (2, 1), 0, (0.0, 0.3))[1].delay
     0.3

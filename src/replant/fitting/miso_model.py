@@ -80,7 +80,7 @@ class RowModel(model_file.Written, RowFields):
     def of_input(self, which: int | str) -> Model:
         """Return the model of one input, the others at rest: for its responses, plots and conversions.
 
-        ``which`` is its name, or its number from 0; for any other there is an InvalidArgumentError.
+        ``which`` is its name, or its number from 0; any other raises an InvalidArgumentError.
         """
         number = number_of(which, self.input_names)
         rows = self.places[number]
@@ -97,7 +97,7 @@ class RowModel(model_file.Written, RowFields):
     def simulate(self, u: Any, t: Any = None) -> FloatArray:
         """Return the output (K,) from the inputs alone, in absolute units; the plant begins at rest at the first row.
 
-        One without a known rest, as it integrates or is slower than the record that it was made from, begins at its
+        One without a known rest (integrating, unstable, or slower than the record that it was made from) begins at its
         working point.
 
         Parameters
@@ -110,14 +110,14 @@ class RowModel(model_file.Written, RowFields):
         Raises
         ------
         InvalidArgumentError
-            If the columns are not as many as the inputs, or the stamps do not increase.
+            If there is not one column per input, or the stamps do not increase.
         """
         parts = self.contributions(u, t)
         return np.asarray(sum(parts.T, np.full(len(parts), self.output_level)))
 
     @quiet
     def contributions(self, u: Any, t: Any = None) -> FloatArray:
-        """Return what each input does to the output (K, q), in deviations from the working point; as `simulate`."""
+        """Return the response to each input (K, q), as deviations from the working point; see `simulate`."""
         columns = self._columns(u)
         stamps = None if t is None else increasing(t, len(columns))
         span = self.dt * self.provenance.samples or math.inf
@@ -131,11 +131,11 @@ class RowModel(model_file.Written, RowFields):
 
     @quiet
     def predict(self, u: Any, y: Any, horizon: int = 1, t: Any = None) -> FloatArray:
-        """Return the output (K,) predicted ``horizon`` samples ahead: from the inputs, and the output until then.
+        """Return the output (K,) predicted ``horizon`` samples ahead, from the inputs and the past output.
 
-        What the simulated output leaves is predicted by the noise model; without one this is the simulated output.
-        Offset and initial states are estimated from the whole record.  NaN where an input is missing, or the plant
-        answers to inputs from before the record or a gap in it.
+        The residual of the simulated output is predicted by the noise model; without one this is the simulated output.
+        Offset and initial states are estimated from the whole record.  NaN where an input is missing, or the output
+        depends on inputs before the record or in a gap.
 
         Parameters
         ----------
@@ -151,9 +151,8 @@ class RowModel(model_file.Written, RowFields):
         Raises
         ------
         InvalidArgumentError
-            If the columns are not as many as the inputs, the record is too short, the horizon is longer than 1 for an
-            unstable model, whose simulation runs away, or the stamps are usually another time apart than the samples of
-            the noise model.
+            If there is not one column per input, the record is too short, the horizon is longer than 1 for an unstable
+            model, whose simulation runs away, or the median interval of the stamps is not that of the noise model.
         """
         columns, output, stamps, dt = self._record(u, y, t)
         horizon = whole("horizon", horizon, 1)
@@ -165,7 +164,7 @@ class RowModel(model_file.Written, RowFields):
         known = np.isfinite(columns).all(axis=1) & np.isfinite(output)
         columns = np.where(known[:, None], columns - self.input_levels, np.nan)
         predicted = np.zeros(output.size)
-        for number, each in enumerate(self._over_common_denominator()):  # what predicts is linear in inputs and output
+        for number, each in enumerate(self._over_common_denominator()):  # the predictor is linear in inputs and output
             measured = np.where(known, 0.0 if number else output, np.nan)
             hold = self.input_hold
             predicted += model_output(each, columns[:, number].copy(), measured, dt, input_hold=hold, t=stamps).output
@@ -209,8 +208,8 @@ class RowModel(model_file.Written, RowFields):
     def validate(self, log: Log | Any, y: Any = None, t: Any = None) -> Validation:
         """Compare the model with another record; offset and initial states are estimated, nothing else.
 
-        The verdict tests what filters of the inputs explain of what the model leaves, beyond chance and beyond the
-        model's own uncertainty.
+        The verdict tests whether filters of the inputs explain more of the residual than chance and the model's own
+        uncertainty.
 
         Parameters
         ----------
@@ -230,8 +229,8 @@ class RowModel(model_file.Written, RowFields):
         Raises
         ------
         InvalidArgumentError
-            If the record is too short, its inputs are not those of the model, or this is unstable: its simulation runs
-            away.
+            If the record is too short, its inputs are not those of the model, or the model is unstable, whose
+            simulation runs away.
         """
         columns, output, stamps, dt = self._record(log, y, t)
         if self._runs_away(output, stamps, dt):
@@ -291,7 +290,7 @@ class RowModel(model_file.Written, RowFields):
 
 
 def one_step_percent(row: Row, point: Point) -> float:
-    """Return the fit in percent of the whitened error of a row: of the output predicted one step ahead."""
+    """Return the fit in percent of the output of a row predicted one step ahead, by its whitened error."""
     left = np.concatenate([each.y[each.measured] for each in row.stretches])
     spread = math.sqrt(sum_of_squares(left - left.mean()))
     return 100.0 * (1.0 - math.sqrt(point.cost) / spread) if spread > 0.0 else math.nan
@@ -306,12 +305,12 @@ def number_of(which: int | str, names: tuple[str, ...]) -> int:
 
 
 def in_order(log: Log, names: tuple[str, ...]) -> FloatArray:
-    """Return the inputs (K, q) of a log in the order of a model's names; as they are where one of both has no names."""
+    """Return the inputs (K, q) of a log in the order of a model's names; unchanged if log or model has no names."""
     given, wanted = (tuple(map(without_unit, each)) for each in (log.input_names, names))
     if names == unnamed(len(names)) and set(given) != set(wanted):
         return log.inputs
     missing = [name for name in wanted if name not in given]
-    # the first input of a log is called u where nobody has named it: it is the one that no other has the name of
+    # the first input of a log is called u if it was not named: it is the only one whose name is missing
     if given[0] == "u" and len(missing) == 1:
         given, missing = (missing[0], *given[1:]), []
     if missing:
@@ -325,7 +324,7 @@ def in_order(log: Log, names: tuple[str, ...]) -> FloatArray:
 
 @quiet
 def evaluated(model: RowModel, ready: RowRecord) -> tuple[Row, Point, Autoregression]:
-    """Return the row of a ready record, the model's point on it, and the model of the noise that this leaves."""
+    """Return the row of a prepared record, the model's point on it, and the noise model of its residual."""
     row = Row(model.structures, ready.record, ready.inputs, model.input_names)
     if row.count <= row.nuisances:
         raise InvalidArgumentError(f"the record has {row.count} usable samples, a validation needs {row.nuisances + 1}")

@@ -1,12 +1,12 @@
-"""Search over the structures of several inputs, one input at a time, judged by the evidence of one input's search.
+"""Search over the structures of several inputs, one input at a time, judged by the same evidence as for one input.
 
 All numbers of poles, zeros and dead times of q inputs are too many to try.  The search begins at the smallest structure
 of each input.  In turn it changes one input alone: its dead time along the grid, a pole or a zero more or fewer, each
-with the dead times beside it.  It ends where no change of one input raises the evidence.
+with the neighbouring dead times.  It ends when no change of one input raises the evidence.
 
-Where a structure is not right, an autoregression takes what that leaves for noise: of a record with little noise it
-predicts a smooth error almost as well as a right structure does, and the evidence tells nothing.  As long as it has
-done so in all trials (`differs`), they are judged by what they leave without one.
+If a structure is wrong, an autoregression explains its error as noise: with little noise in the record it predicts a
+smooth error almost as well as a right structure does, and the evidence does not discriminate.  As long as this holds
+for all trials (`differs`), they are judged by their errors without a noise model.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Structures = tuple[Structure, ...]
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """What may be tried of one input, ascending."""
+    """The sizes and dead times that may be tried for one input, ascending."""
 
     sizes: list[tuple[int, int]]  # numbers of poles and zeros
     delays: list[float]
@@ -55,7 +55,7 @@ class Options:
         return [each for each in (*larger, (n, m + 1), (n, m - 1), *smaller) if each in self.sizes]
 
     def nearest(self, delay: float) -> int:
-        """Return the place of the dead time nearest to another one."""
+        """Return the index of the dead time nearest to another one."""
         return int(np.argmin(np.abs(np.array(self.delays) - delay)))
 
 
@@ -68,7 +68,7 @@ class Trial(Judged):
     point: Point
 
     def candidate(self, span: float) -> Candidate:
-        """Return the trial as the caller of a search sees it."""
+        """Return the trial as a `Candidate`."""
         theta, covariance = self.point.theta, covariance_of(self.row, self.point)
         each = zip(self.structures, self.row.places, strict=True)
         uncertainty = max(least_known(one, theta[rows], covariance[rows, rows], span) for one, rows in each)
@@ -76,20 +76,20 @@ class Trial(Judged):
 
 
 class _Search:
-    """Tries structures on one record, and keeps what came of them."""
+    """Tries structures on one record, and keeps the trials."""
 
     def __init__(
         self, record: Record, inputs: FloatArray, options: Sequence[Options], say: Callable[[int], None]
     ) -> None:
         self.record, self.inputs, self.options, self._say = record, inputs, options, say
         self._found: dict[Structures, tuple[Trial, Trial] | None] = {}  # without a noise model, and with one
-        self._is_told = False  # whether the noise model of a trial has taken nothing but noise
+        self._is_told = False  # whether the noise model of some trial explains nothing but noise
         self._evidence = Evidence(record, at_rest=False)
-        # a trial behind by more than chance makes of all its parameters cannot win
+        # a trial cannot win if it is behind by more than all its parameters gain by chance
         self._reach = chi2_quantile(1.0 - ALPHA, sum(max(each.sizes)[0] * 2 + 1 for each in options))
 
     def found(self) -> Trial:
-        """Return the trial that is chosen: its dead times may lie between the grid's."""
+        """Return the chosen trial; its dead times may lie between points of the grid."""
         first = tuple(Structure(*each.sizes[0], each.delays[0]) for each in self.options)
         best = self._try(first)
         if best is None:
@@ -109,7 +109,7 @@ class _Search:
         return {structures: each[self._is_told] for structures, each in self._found.items() if each is not None}
 
     def _of_size(self, best: Trial, i: int, size: tuple[int, int]) -> Trial:
-        """Return the best trial of another number of poles and zeros of an input, or the one that is given."""
+        """Return the best trial with another number of poles and zeros of an input, or the given one."""
         trial = self._try(_with(best.structures, i, Structure(*size, best.structures[i].delay)), best)
         if trial is None or trial.evidence < best.evidence - self._reach:
             return best
@@ -139,7 +139,7 @@ class _Search:
         return likeliest_between(trials, low, high, self.record.dt, lambda delay, beside: self._at(beside, i, delay))
 
     def _on_grid(self, best: Trial) -> Trial:
-        """Return the best trial with the grid's dead times, but for those that are paid for."""
+        """Return the best trial with the grid's dead times, except those between that are worth their price."""
         for i, each in enumerate(self.options):
             stays = self._at(best, i, each.delays[each.nearest(best.structures[i].delay)]) or best
             paid = best.likelihood - stays.likelihood > 0.5 * math.log(self.record.u.size)
@@ -158,7 +158,7 @@ class _Search:
 
     @quiet
     def _fitted(self, structures: Structures, beside: Trial | None) -> tuple[Trial, Trial] | None:
-        """Return the trials begun beside another one, and afresh where it has other poles: without and with noise."""
+        """Return the trials without and with noise model, from another trial, or new starts if its poles differ."""
         row = Row(structures, self.record, self.inputs)
         size = sum(each.size for each in structures)
         if row.count <= size + row.nuisances:
@@ -175,7 +175,7 @@ class _Search:
         free, point, noise, *_ = likeliest(row, begins, lambda noise: [])
         found = self._judged(row, point, whitened=True)
         if found is None or not noise.order or not differs(row, free, point):
-            return None if found is None else (found, found)  # the noise model has taken nothing but noise
+            return None if found is None else (found, found)  # the noise model explains nothing but noise
         plain = self._judged(row, free, whitened=False)
         return None if plain is None else (plain, found)
 
@@ -200,7 +200,7 @@ def _orders(structures: Structures) -> list[tuple[Any, ...]]:
 
 
 def search_rows(given: Samples, options: Sequence[Options], progress: Callable[[int, int], None]) -> SearchResult:
-    """Return the structures with the most evidence that changes of one input at a time lead to."""
+    """Return the result of a search that changes the structure of one input at a time."""
     smallest = tuple(Structure(*each.sizes[0], max(each.delays)) for each in options)
     ready, _, references, _ = ready_row(given, *_orders(smallest))
     ready, _ = with_outside(ready, references, ["u"] * len(options))
@@ -221,7 +221,7 @@ def search_rows(given: Samples, options: Sequence[Options], progress: Callable[[
         again = leaving_out(ready.record, np.where(measured, Doubt.NONE, Doubt.MISSING))
         if (again.is_measured == record.is_measured).all():
             break
-        record = again  # and again, without what this model finds bad
+        record = again  # and again, without outputs that are bad by this model
     progress(count, count)
     candidates = {
         key: trial.candidate(record.span)

@@ -1,11 +1,11 @@
-"""The estimate of a row from a record: the likeliest with a noise model, unless that takes too much for noise.
+"""The estimate of a row from a record: the likeliest with a noise model, unless that explains too much as noise.
 
-With a noise model the estimate is efficient; without one, by the least output error, it is consistent whatever the
-noise.  Where the two differ beyond chance, or the inputs explain more of the output, the structure is not right: the
-one without is served.
+With a noise model the estimate is efficient; without one, by the least output error, it is consistent for any noise.
+If the two differ beyond chance, or the inputs explain more of the output, the structure is wrong: the estimate without
+a noise model is returned.
 
-Where references move inputs, the likeliest model of what comes from outside of these is where steps with instruments
-begin; their estimate is consistent whatever the noise.
+If references move inputs, steps with instruments start at the likeliest model for the external parts of the inputs;
+their estimate is consistent for any noise.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ ROUNDS = 3  # times that the noise model is estimated [count]
 SHORT = 12  # steps after each [count]
 
 LOUD = 3.0
-"""Power of a residual beside that of the quietest begin, beyond which the begin is not taken [ratio].
-Origin: measured on random rows: whitened steps from a begin that lacks a slow branch leave ten times the power.
+"""Power of a residual over the least one above which a solution is discarded [ratio].
+Origin: measured on random rows: whitened steps from a start that lacks a slow branch leave ten times the power.
 Sensitivity: not measured.
 """
 
-MOST_BEYOND = 100.0  # logarithm of a ratio of costs that is beyond any, and within float64 [number]
+MOST_BEYOND = 100.0  # logarithm of a ratio of costs beyond any real one, within float64 [number]
 
 SAME = 0.99  # level of the test that estimates with and without the noise model are of one plant [probability]
 
@@ -78,7 +78,7 @@ def references_of(given: Any, samples: int) -> FloatArray | None:
 
 
 def held(references: FloatArray) -> FloatArray:
-    """Return references (K, p) on straight lines where they are not known."""
+    """Return references (K, p) with unknown values interpolated linearly."""
     columns, index = references.copy(), np.arange(len(references))
     for column in columns.T:
         known = np.flatnonzero(np.isfinite(column))
@@ -89,7 +89,7 @@ def held(references: FloatArray) -> FloatArray:
 def with_outside(
     ready: RowRecord, references: FloatArray | None, names: Sequence[str], is_moved: BoolArray | None = None
 ) -> tuple[RowRecord, tuple[Finding, ...]]:
-    """Return a record (J,) with what references (J, p) explain of its inputs, and what there is to say about them."""
+    """Return a record (J,) with the parts of its inputs that references (J, p) explain, and findings about these."""
     if references is None:
         return ready, ()
     each_of = [np.ascontiguousarray(each) for each in references.T]
@@ -119,10 +119,10 @@ class RowEstimate:
     """An estimate of a row."""
 
     point: Point
-    noise: Autoregression  # white where the noise model had to be given up
+    noise: Autoregression  # white if the noise model was rejected
     covariance: FloatArray  # (P, P)
     findings: tuple[Finding, ...] = ()
-    rivals: tuple[FloatArray, ...] = ()  # other models (P,) that the begins led to, and that may be as likely
+    rivals: tuple[FloatArray, ...] = ()  # other models (P,) that were found, and may be as likely
 
 
 class RowSolution(NamedTuple):
@@ -133,37 +133,37 @@ class RowSolution(NamedTuple):
     doubt: IntArray
 
 
-#: What gives the points to begin at with a noise model.
+#: Gives the points to start from with a noise model.
 Begin = Callable[[Autoregression], list[Point]]
 
 
 def started(row: Row) -> Begin:
-    """Return what begins with a row afresh."""
+    """Return new starts of a row, as a `Begin`."""
     return partial(start, row.structures, row.record, row.from_outside.inputs)
 
 
 def begun_at(theta: FloatArray, row: Row) -> Begin:
-    """Return what begins with a row at a model."""
+    """Return a model of a row as the start, as a `Begin`."""
     return lambda noise: [evaluate(row.from_outside, theta, noise)]
 
 
 class Begins(NamedTuple):
-    """Where a solution begins: at models (P,) that were found with a noise model, or at none."""
+    """The starts of a solution: models (P,) that were found with a noise model, or none."""
 
     noise: Autoregression | None = None
     models: tuple[FloatArray, ...] = ()
 
     def there(self, row: Row) -> Begin:
-        """Return what begins at the models."""
+        """Return the models as starts, as a `Begin`."""
         noise = self.noise
         points = [] if noise is None else [evaluate(row.from_outside, each, noise) for each in self.models]
         return lambda _: points
 
     def afresh(self, row: Row, *, also_white: bool = False, newest: int | None = None) -> Begin:
-        """Return what begins at a start, too: without a noise model only where none is known, or that is asked for."""
+        """Return also new starts, as a `Begin`; with white noise only if no colour is known, or ``also_white``."""
         others, outside = self.there(row), row.from_outside
         is_coloured = self.noise is not None and self.noise.order > 0 and not also_white
-        # where but the colour of the noise is in doubt, a start of the newest samples tells of other models
+        # if only the colour of the noise is in doubt, a start from the ``newest`` samples finds other models
         begin = started(row if newest is None else row.last(min(newest, row.record.u.size)))
 
         def begins(noise: Autoregression) -> list[Point]:
@@ -201,14 +201,14 @@ def solve_with(
     structures: tuple[Structure, ...], ready: RowRecord, references: FloatArray | None, names: tuple[str, ...],
     begins_of: Callable[[Row], Begin] = started,
 ) -> tuple[RowRecord, RowSolution | None, tuple[Finding, ...]]:  # fmt: skip
-    """Return a record with what references (J, p) explain of it, its estimate, and what there is to say about them."""
+    """Return a record with the parts that references (J, p) explain, its estimate, and findings about these."""
     ready, findings = with_outside(ready, references, names)
     solution = solve_record(structures, ready, names, begins_of)
     if ready.outside is None or solution is None:
         return ready, solution, findings
     row, found, _ = solution
     answers = answering(row, found.point)
-    # an input that moves with a reference, but answers to no disturbance, comes from outside: all of it is instruments
+    # an input that moves with a reference, but does not respond to disturbances, is external: it is an instrument
     if not answers[ready.outside.is_moved].all():
         ready, findings = with_outside(ready, references, names, answers)
         solution = solve_record(structures, ready, names, begins_of)
@@ -222,12 +222,12 @@ def doubts_of(row: Row, ready: RowRecord, point: Point, noise: Autoregression) -
 
 
 def solve_row(row: Row, begins: list[Point], again: Begin) -> RowEstimate:
-    """Return the estimate that begins lead to; ``again`` gives those to begin at with a noise model."""
+    """Return the estimate from some starts; ``again`` gives the starts with a noise model."""
     if row.outside is not None:
         return _by_instruments(row, likeliest(row.from_outside, begins, again).ends)
     free, point, noise, rivals, _ = likeliest(row, begins, again)
     findings = tuple(controlled(row, point, noise))
-    # without a noise model the two are the same; in feedback the estimate without one is that which is off
+    # with white noise the two are the same; in feedback the estimate without a noise model is the biased one
     if findings or not noise.order or not (differs(row, free, point) or any(lacking(row, point, noise))):
         findings = findings or tuple(timing(row, point))
         findings += tuple(of_rivals(row, point, rivals))
@@ -237,9 +237,9 @@ def solve_row(row: Row, begins: list[Point], again: Begin) -> RowEstimate:
 
 
 def _by_instruments(row: Row, begins: tuple[FloatArray, ...]) -> RowEstimate:
-    """Return the estimate by instruments, its noise model that of what it leaves."""
-    # the likelihood of what comes from outside does not tell roots apart, as an autoregression may take all that a load
-    # makes; the error one step ahead does, in which the inputs are known
+    """Return the estimate by instruments, with the noise model of its residual."""
+    # the likelihood with the external parts does not distinguish roots, as an autoregression may explain all effects of
+    # a load; the prediction error with the known inputs does
     roots = [_root_from(row, theta) for theta in begins]
     point, noise = min(roots, key=lambda root: (not _is_root(row, root[0]), root[0].cost))
     findings = list(controlled(row, point, noise))
@@ -247,7 +247,7 @@ def _by_instruments(row: Row, begins: tuple[FloatArray, ...]) -> RowEstimate:
         findings.append(Finding("converging", NOT_SOLVED))
     rivals = _as_likely(row, point, [other for other, _ in roots if _is_root(row, other)])
     others = tuple(rival.theta for rival in rivals)
-    # M^-1 Q M^-T, M = sum zeta phi': a noise model does not take all colour of what acts within the loop
+    # M^-1 Q M^-T, M = sum zeta phi': a noise model does not remove all colour of disturbances within the loop
     inverse = inverse_of(np.asarray(sum(products(zeta, phi) for zeta, phi in zip(point.zeta, point.phi, strict=True))))
     covariance = _coloured(row, point, colour_of(row, point.error), inverse, inverse.T, point.zeta)
     return RowEstimate(point, noise, covariance, tuple(findings), others)
@@ -258,11 +258,11 @@ def _is_root(row: Row, point: Point) -> bool:
 
 
 def _root_from(row: Row, theta: FloatArray) -> tuple[Point, Autoregression]:
-    """Return what steps with instruments lead to from a model, and the noise model of what that leaves."""
+    """Return the end of steps with instruments from a model, and the noise model of its residual."""
     before = evaluate(row, theta, Autoregression.white(1.0, row.count))
     noise = noise_of(row, before)
     point = instrumental(row, theta, noise, before, SHORT)
-    for _ in range(STEPS):  # the root of one noise model is that of no other: a step, and the model anew
+    for _ in range(STEPS):  # each noise model has its own root: after each step it is renewed
         before, noise = point, noise_of(row, point)
         point = instrumental(row, before.theta, noise, before, 1)
         if (point.theta == before.theta).all():
@@ -278,7 +278,7 @@ def likeliest(row: Row, begins: list[Point], again: Begin) -> _Estimates:
     noise = noise_of(row, free)
     found = []
     others = _as_likely(row, free, ends, duration_of(noise.coefficients))
-    # made again with the noise model: beside slow noise the first start may lack what is fast
+    # started again with the noise model: with slow noise the first start may lack fast dynamics
     begins = [*others, free, *(again(noise) if noise.order else [])]
     for point in ends_of(row, (path(row, begin.theta, noise, begin, SHORT) for begin in begins)):
         model = noise
@@ -286,7 +286,7 @@ def likeliest(row: Row, begins: list[Point], again: Begin) -> _Estimates:
             model = noise_of(row, point)
             point = refine(row, point.theta, model, point, SHORT)
         found.append(_Estimates(free, point, model))
-    # the noise model of a loud one has taken a branch for noise
+    # the noise model of a loud one has explained a branch as noise
     quietest = min(each.point.power for each in found)
     quiet_ones = [each for each in found if each.point.power <= LOUD * quietest]
     best = min(quiet_ones, key=lambda each: each.point.cost, default=_Estimates(free, free, white))
@@ -296,8 +296,8 @@ def likeliest(row: Row, begins: list[Point], again: Begin) -> _Estimates:
 
 
 def _as_likely(row: Row, best: Point, points: list[Point], duration: float = 1.0) -> list[Point]:
-    """Return the points beside which the best one is not surely likelier, but those near it."""
-    # without a noise model as many samples as the noise lasts, ``duration``, count as one
+    """Return the points that are not surely less likely than the best one, without those near it."""
+    # without a noise model, ``duration`` samples of correlated noise count as one
     beyond = min(-2.0 * math.log(ALPHA) * duration / max(row.count, 1), MOST_BEYOND)
     limit = best.cost * math.exp(beyond)
     return [each for each in points if each.cost <= limit and not is_near(row, each, best)]
@@ -314,7 +314,7 @@ class _Estimates(NamedTuple):
 
 
 def covariance_of(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:
-    """Return the covariance (P, P) of a point: s^2 M^-1, or M^-1 Q M^-1 where its error has a colour."""
+    """Return the covariance (P, P) of a point: s^2 M^-1, or M^-1 Q M^-1 if its error has a colour."""
     inverse = compose(*factor_information(point.information))
     if colour is None:
         return np.asarray(inverse * point.cost / max(row.count - _unknowns(row, point), 1))
@@ -336,11 +336,11 @@ def _unknowns(row: Row, point: Point) -> int:
 
 
 def differs(row: Row, free: Point, point: Point) -> bool:
-    """Return whether the estimate with a noise model leaves more than chance allows beside that without.
+    """Return whether the residual of the estimate with a noise model exceeds that without by more than chance.
 
-    Where the structure is right, it leaves at most chi-square of the number of parameters beyond the least power, in
-    powers of as many samples as the residual has independent ones.  Else an autoregression takes what it cannot explain
-    for noise, and with it the slow branches.
+    If the structure is right, the excess over the least power is at most chi-square with the number of parameters, in
+    units of the power per independent sample of the residual.  Else an autoregression explains the misfit as noise, and
+    with it the slow branches.
     """
     independent = row.count / max(_duration(free), 1.0)
     return point.power > free.power * (1.0 + chi2_quantile(SAME, point.theta.size) / independent)

@@ -1,4 +1,4 @@
-"""Model: an identified plant with all that is worth keeping; in one line, as LaTeX, and as HTML for notebooks."""
+"""Model: an identified plant with its data; its text in one line, as LaTeX, and as HTML for notebooks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from replant.plotting.numbers import with_std
 from replant.plotting.style import axes_for, picture
 
 WIDTH, COEFFICIENT_LINES, REASONS = 110, 3, 5  # characters of a line, lines of coefficients, reasons [count]
-SAME_CLOCK = 0.1  # difference of intervals up to which the noise model predicts [part of the interval]
+SAME_CLOCK = 0.1  # difference of intervals up to which the noise model is valid [part of the interval]
 
 
 class Model(model_file.Written, ModelFields):
@@ -53,7 +53,7 @@ class Model(model_file.Written, ModelFields):
     input_map : {"identity", "square"} or callable
         A static nonlinearity ahead of G(s).
     input_level, output_level : float
-        Working point: with the mapped input at the one, the output rests at the other.
+        Working point: with the mapped input at ``input_level``, the output rests at ``output_level``.
     input_name, output_name : str
         Names of the signals, with their units in brackets at the end.
     simulated_fit, one_step_fit : float
@@ -81,9 +81,9 @@ class Model(model_file.Written, ModelFields):
     def simulate(self, u: Any, t: Any = None, *, y: Any = None) -> FloatArray:
         """Return the output (K,) from the input alone, in absolute units.
 
-        Without ``y`` the plant begins at rest at the first input; one without a known rest, as it integrates, is
-        unstable, or slower than the record that it was made from, begins at its working point.  With ``y`` offset and
-        initial state are estimated.  What the input does between samples is `input_hold`, however far they are apart.
+        Without ``y`` the plant begins at rest at the first input; one without a known rest (integrating, unstable, or
+        slower than the record that it was made from) begins at its working point.  With ``y`` offset and initial state
+        are estimated.  Between samples the input follows `input_hold`, at any interval.
 
         Parameters
         ----------
@@ -118,9 +118,9 @@ class Model(model_file.Written, ModelFields):
 
     @quiet
     def predict(self, u: Any, y: Any, horizon: int = 1, t: Any = None) -> FloatArray:
-        """Return the output (K,) predicted ``horizon`` samples ahead: from the input, and the output until then.
+        """Return the output (K,) predicted ``horizon`` samples ahead, from the input and the past output.
 
-        What the simulated output leaves is predicted by the noise model; without one this is the simulated output.
+        The residual of the simulated output is predicted by the noise model; without one this is the simulated output.
         Offset and initial state are estimated from the whole record.
 
         Parameters
@@ -135,8 +135,8 @@ class Model(model_file.Written, ModelFields):
         Raises
         ------
         InvalidArgumentError
-            If the horizon is longer than 1 for an unstable model, whose simulation runs away, or the stamps are usually
-            another time apart than the samples of the noise model.
+            If the horizon is longer than 1 for an unstable model, whose simulation runs away, or the median interval of
+            the stamps is not that of the noise model.
         """
         u, y = record(u, y)
         horizon = whole("horizon", horizon, 1)
@@ -153,13 +153,13 @@ class Model(model_file.Written, ModelFields):
         return dataclasses.replace(self, input_name=input_name, output_name=output_name, provenance=made)
 
     def step(self, duration: float | None = None) -> StepResponse:
-        """Return the output by a unit step of the mapped input over ``duration`` s, else until it settles."""
+        """Return the response to a unit step of the mapped input over ``duration`` s, by default until it settles."""
         return StepResponse.of(self.transfer_function, self.uncertainty, time_of(self.transfer_function, duration))
 
     def impulse(self, duration: float | None = None) -> ImpulseResponse:
-        """Return the output by a unit impulse of the mapped input over ``duration`` s, else until it settles.
+        """Return the response to a unit impulse of the mapped input over ``duration`` s, by default until it settles.
 
-        With as many zeros as poles, where the output holds an impulse itself, there is an InvalidArgumentError.
+        With as many zeros as poles the output contains an impulse: this raises an InvalidArgumentError.
         """
         return ImpulseResponse.of(self.transfer_function, self.uncertainty, time_of(self.transfer_function, duration))
 
@@ -242,14 +242,14 @@ class Model(model_file.Written, ModelFields):
 def run_from(
     g: TransferFunction, v: FloatArray, dt: float, input_hold: str, stamps: FloatArray | None, *, at_rest: bool
 ) -> tuple[float, FloatArray]:
-    """Return the output that rests at the first input, or 0, and what the input (K,) adds to it from there, or from 0.
+    """Return the resting output at the first input, and the response (K,) to deviations from it; without rest from 0.
 
     An input that is not finite is replaced by the last finite one.
     """
     v = last_known(v, 0.0)
     first = float(v[0]) if v.size and at_rest else 0.0
     intervals = None if stamps is None else np.diff(stamps, prepend=stamps[:1] - dt)
-    # of this usual interval none is taken for a lost sample
+    # with the longest interval as the usual one, no interval counts as a lost sample
     usual = dt if intervals is None else float(intervals.max(initial=dt))
     moved = Response(g, usual, input_hold).take(v - first, intervals).output
     return g.dc_gain * first if first else 0.0, moved
@@ -263,7 +263,7 @@ def unstable_error(horizon: int) -> InvalidArgumentError:
 
 
 def with_noise(output: FloatArray, y: FloatArray, noise: NoiseModel | None, horizon: int, dt: float) -> FloatArray:
-    """Return a simulated output (K,) with what a noise model predicts of the rest of ``y`` (K,), ``dt`` s apart."""
+    """Return a simulated output (K,) plus its residual to ``y`` (K,), ``dt`` apart, as predicted by a noise model."""
     if noise is None:
         return output
     if not abs(dt / noise.dt - 1.0) < SAME_CLOCK:
@@ -276,7 +276,7 @@ def with_noise(output: FloatArray, y: FloatArray, noise: NoiseModel | None, hori
 
 
 def usual_interval(t: FloatArray, dt: float) -> float:
-    """Return the usual interval of time stamps (K,) in s; of fewer than two ``dt``."""
+    """Return the median interval of time stamps (K,) in s; ``dt`` for fewer than two."""
     return float(np.median(np.diff(t))) if t.size > 1 else dt
 
 
@@ -356,7 +356,7 @@ def html(model: ModelFields) -> str:
 
 
 def with_picture(model: Any) -> str:
-    """Return a model as HTML with the picture of its responses; without matplotlib in words alone."""
+    """Return a model as HTML with the picture of its responses; without matplotlib, as text alone."""
     try:
         return html(model) + picture(model.plot())
     except MissingDependencyError:

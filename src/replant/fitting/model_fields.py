@@ -1,4 +1,4 @@
-"""The data of a model, of one input or of several, checked field by field; and what follows from them at once."""
+"""The fields of a model of one input or of several, checked, and the properties that follow from them."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Provenance:
 
 
 def _counts(name: str, value: Any) -> tuple[tuple[str, int], ...]:
-    """Return how many samples were rejected for which reason."""
+    """Return the checked numbers of rejected samples by reason."""
     try:
         pairs = [(reason, count) for reason, count in value]
     except (TypeError, ValueError) as cause:
@@ -77,7 +77,7 @@ def _map(_: str, value: Any) -> InputMap:
     return Preprocess(value).input_map
 
 
-#: How the fields are checked that models of one input and of several share, and those of one input.
+#: The checks of fields of models, of one input or of several.
 CHECKS: dict[str, tuple[Any, ...]] = {
     "dt": (duration,),
     "noise": (instance, NoiseModel, None),
@@ -96,7 +96,7 @@ CHECKS: dict[str, tuple[Any, ...]] = {
 
 
 class Identified:
-    """What follows from a structure, its parameters and their covariance."""
+    """Properties that follow from a structure, its parameters and their covariance."""
 
     structure: Structure
     parameters: FloatArray
@@ -119,7 +119,7 @@ class Identified:
 
 
 class _Fields:
-    """What the fields of models of one input and of several have in common: their checks, and when they are equal."""
+    """The base of the fields of models of one input and of several: checks and equality."""
 
     parameters: FloatArray
     covariance: FloatArray | None
@@ -131,7 +131,7 @@ class _Fields:
             raise InvalidArgumentError(f"parameters must be finite, got {shown(self.parameters.tolist())}")
         if self.covariance is not None:
             covariance = owned("covariance", self.covariance, (size, size))
-            # one that is not known is none: what is kept can be written down to the bit
+            # an unknown covariance is dropped, so that a model can be written to the bit
             object.__setattr__(self, "covariance", covariance if np.isfinite(covariance).all() else None)
         own = {each.name for each in dataclasses.fields(self)}  # type: ignore[arg-type]
         for name, (check, *how) in CHECKS.items():
@@ -150,7 +150,7 @@ class _Fields:
 
 
 def _bits(value: Any) -> Any:
-    """Return what makes a value equal to another one, to the bit."""
+    """Return a key that is equal for values that are equal to the bit."""
     match value:
         case np.ndarray():
             return value.tobytes()
@@ -165,7 +165,7 @@ def _bits(value: Any) -> Any:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModelFields(_Fields, Identified):
-    r"""What is kept of an identification, and what follows from it at once; see `Model`.
+    r"""The fields of a `Model`, and the properties that follow from them.
 
     .. math:: y = \mathrm{output\_level} + G(s)\,(\mathrm{map}(u) - \mathrm{input\_level})
     """
@@ -208,7 +208,7 @@ class ModelFields(_Fields, Identified):
 
     @property
     def rests(self) -> bool:
-        """Whether a constant input leads to rest, as far as the record tells: no mode is slower than the record."""
+        """Whether a constant input leads to rest within the duration of the record: no mode is slower."""
         span = self.dt * self.provenance.samples
         return has_rest(self.transfer_function, span if self.provenance.samples else math.inf)
 
@@ -218,14 +218,14 @@ class ModelFields(_Fields, Identified):
         return Preprocess(self.input_map, self.input_level, self.output_level)
 
     def linear_input(self, u: Any) -> FloatArray:
-        """Return the input (K,) of G(s): mapped, working point taken off; NaN where it is not finite."""
+        """Return the input (K,) of G(s): mapped, working point subtracted; NaN where it is not finite."""
         mapped = self.preprocess.map_input(vector("u", u))
         return np.where(np.isfinite(mapped), mapped - self.input_level, np.nan)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RowFields(_Fields):
-    """What is kept of an identification of several inputs; see `RowModel`."""
+    """The fields of a `RowModel`, and the properties that follow from them."""
 
     structures: tuple[Structure, ...]
     parameters: FloatArray
@@ -261,7 +261,7 @@ class RowFields(_Fields):
 
     @property
     def input_name(self) -> tuple[str, ...]:
-        """The names of the inputs, as `Model` has one."""
+        """The names of the inputs, by the name that `Model` uses."""
         return self.input_names
 
     @property
@@ -285,7 +285,7 @@ class RowFields(_Fields):
 
 
 def input_names_of(given: Any, count: int) -> tuple[str, ...]:
-    """Return the names of so many inputs, checked; those of `unnamed` where none are given."""
+    """Return the names of so many inputs, checked; those of `unnamed` if none are given."""
     if not isinstance(given, list | tuple):
         raise ArgumentTypeError(f"input_names must be a list or tuple of names, got {shown(given)}")
     names = tuple(text("input_names", name) for name in given) or unnamed(count)
@@ -300,5 +300,5 @@ def unnamed(count: int) -> tuple[str, ...]:
 
 
 def has_rest(model: TransferFunction, span: float) -> bool:
-    """Return whether a model comes to rest within ``span`` s; slower modes have a gain that nobody knows."""
+    """Return whether a model comes to rest within ``span`` s; the gain of slower modes is unknown."""
     return bool((model.poles.real < (-1.0 / span if span > 0.0 else 0.0)).all())

@@ -1,4 +1,4 @@
-"""Model files: what may be overwritten, writing, and reading with a reason where it cannot be done."""
+"""Model files: check of the target, writing, and reading, with a reason on failure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ AnyPath = str | os.PathLike[str]
 
 
 class Written:
-    """A model that a file of JSON holds."""
+    """A model that can be written to a JSON file."""
 
     LAYOUT: ClassVar[int]
 
@@ -50,7 +50,7 @@ class Written:
             return cls._of_object(model_json.parsed(written))
 
     def save(self, path: AnyPath) -> None:
-        """Write the model as JSON; the file is whole at every moment.
+        """Write the model as JSON; the file is never half-written.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ def check_target(path: AnyPath) -> None:
 
 
 def holds_model(path: AnyPath) -> bool:
-    """Return whether a file looks like a model that `write` has written; False where it cannot be read."""
+    """Return whether a file looks like a model that `write` has written; False if it cannot be read."""
     try:
         file = Path(path)
         return file.is_file() and _looks_like_model(file.read_bytes() if file.stat().st_size <= LARGEST else b"")
@@ -107,7 +107,7 @@ def _looks_like_model(begin: bytes) -> bool:
 
 
 def write(path: AnyPath, written: str) -> None:
-    """Write a text so that nobody reads half of it, see `numerics.operating_system.whole_file.replacing`."""
+    """Write a text so that no reader sees a part of it, see `numerics.operating_system.whole_file.replacing`."""
     check_target(path)
     try:
         with operating_system.replacing(Path(path).resolve()) as new:

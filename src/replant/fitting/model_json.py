@@ -1,8 +1,8 @@
 """The JSON of a model, of one input, several, or several outputs: one object, versioned, that rebuilds it to the bit.
 
-What follows from other entries, as ``num``, ``den``, ``poles`` and each ``std``, is written for readers of other
-programs; ``num``, ``den`` and ``delay`` are compared when the model is read.  Of several inputs they are lists, in the
-order of the inputs.  Of several outputs the object has a list of rows, each the model of one output.
+Derived entries, as ``num``, ``den``, ``poles`` and each ``std``, are written for other programs; ``num``, ``den`` and
+``delay`` are compared when the model is read.  With several inputs they are lists, in the order of the inputs.  With
+several outputs the object has a list of rows, each the model of one output.
 `schema/model-1.json`, `schema/model-2.json` and `schema/model-3.json` describe every entry.
 """
 
@@ -29,12 +29,12 @@ from replant.verdict.verdict import STATUSES, Verdict
 
 # some thousand million times the precision of float64
 ROUNDED = 1e-6  # difference that the rounding of a computation makes in a covariance [part]
-LONGEST = 2**63  # whole number from which on none is read [number]
+LONGEST = 2**63  # whole numbers that are read are smaller [number]
 LARGEST = 1 << 20  # longest text that is read as a model: a hundred times one of ten poles [characters]
-LONGEST_REASON = 250  # length of the reason for which a text is no model [characters]
-VERSION = 1  # version of the layout; raised where an entry changes its meaning or goes away [count]
-OF_SEVERAL = 2  # that of a model of several inputs, whose entries are lists [count]
-OF_OUTPUTS = 3  # that of a model of several outputs, which has rows [count]
+LONGEST_REASON = 250  # longest reason why a text is no model [characters]
+VERSION = 1  # version of the layout; raised when an entry changes its meaning or is removed [count]
+OF_SEVERAL = 2  # version for several inputs, whose entries are lists [count]
+OF_OUTPUTS = 3  # version for several outputs, which has rows [count]
 
 
 #: The fields of a structure and of where a model comes from, and the kinds of their entries.
@@ -55,7 +55,7 @@ def rows_object(rows: Sequence[RowFields]) -> dict[str, Any]:
 
 @quiet
 def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
-    """Return a model as an object of JSON; what is not known is null."""
+    """Return a model as an object of JSON; unknown values are null."""
     known: Any = model.uncertainty
     if isinstance(model, ModelFields):
         if callable(model.input_map):
@@ -126,7 +126,7 @@ def check_layout(read: Any, layout: int) -> None:
 
 
 def check_consistent(read: dict[str, Any], model: ModelFields | RowFields) -> None:
-    """Check that what is written for other programs is that of the model."""
+    """Check that the entries for other programs agree with the model."""
     plants, single = _plants(model)[1], isinstance(model, ModelFields)
     for name in ("num", "den"):
         given = [read.get(name)] if single else _items(read, name, len(plants))
@@ -137,7 +137,7 @@ def check_consistent(read: dict[str, Any], model: ModelFields | RowFields) -> No
 
 
 def parsed(written: str | bytes) -> Any:
-    """Return what a JSON text holds, without a check of its entries."""
+    """Return the content of a JSON text, without a check of its entries."""
     if not isinstance(written, str | bytes | bytearray):
         raise ArgumentTypeError(f"written must be the text of a model, got {type(written).__name__} {shown(written)}")
     if len(written) > LARGEST:
@@ -152,7 +152,7 @@ def parsed(written: str | bytes) -> Any:
 
 @contextmanager
 def in_one_line() -> Iterator[None]:
-    """Say of an object of JSON in one line why it is no model."""
+    """Raise errors in the content of a model's JSON as a `ModelFileError` of one line."""
     try:
         yield
     except ReplantError as error:
@@ -161,7 +161,7 @@ def in_one_line() -> Iterator[None]:
 
 
 def _in_one_line(text: str) -> str:
-    """Return a reason as one line of some length: it may quote a text of the file."""
+    """Return a reason as one line of limited length, as it may quote a text of the file."""
     flat = " ".join(text.split())
     return flat if len(flat) <= LONGEST_REASON else flat[:LONGEST_REASON] + "..."
 
@@ -196,7 +196,7 @@ def finite(value: float) -> float | None:
 
 
 def fields_of(read: dict[str, Any], layout: int) -> dict[str, Any]:
-    """Return the fields of the model in an object of JSON; entries that a model does not have are passed over."""
+    """Return the fields of the model in an object of JSON; unknown entries are ignored."""
     check_layout(read, layout)
     single = layout == VERSION
 
@@ -234,7 +234,7 @@ def fields_of(read: dict[str, Any], layout: int) -> dict[str, Any]:
         ),
     }
     if not single:
-        left_out = tuple(entry(read, "rejected", dict).items()) if "rejected" in read else ()  # not in files of before
+        left_out = tuple(entry(read, "rejected", dict).items()) if "rejected" in read else ()  # not in older files
         of_row = {"structures": structures, "input_names": input_names, "input_levels": np.array(levels)}
         return shared | of_row | {"rejected": left_out}
     return shared | {
@@ -282,7 +282,7 @@ def real(where: dict[str, Any], name: str) -> float:
     try:
         return float(entry(where, name, float, int))
     except OverflowError as error:
-        raise ModelFileError(f"the entry '{name}' leaves float64") from error
+        raise ModelFileError(f"the entry '{name}' is too large for float64") from error
 
 
 def perhaps(where: dict[str, Any], name: str) -> float:
@@ -294,7 +294,7 @@ def _array(values: Any) -> FloatArray:
     try:
         return np.array(values, np.float64)
     except OverflowError as error:
-        raise ModelFileError("a number leaves float64") from error
+        raise ModelFileError("a number is too large for float64") from error
 
 
 def matrix_of(read: Any, size: int) -> FloatArray | None:
@@ -305,12 +305,12 @@ def matrix_of(read: Any, size: int) -> FloatArray | None:
     if len(rows) != size or not all(_is_vector(row, size) for row in rows):
         raise ModelFileError(f"the entry 'covariance' must be {size} lists of {size} numbers, or null")
     matrix = _array(rows)
-    # a variance below the smallest number is written as 0: its row may hold what is left of its covariances
+    # a variance below the smallest number is written as 0, but its row may hold covariances that are not
     spread = np.sqrt(np.maximum(np.diag(matrix), np.finfo(np.float64).tiny))
     bound = spread * spread[:, None]
     uneven = np.abs(matrix - matrix.T) > ROUNDED * bound
     if (np.diag(matrix) < 0.0).any() or uneven.any() or (np.abs(matrix) > (1.0 + ROUNDED) * bound).any():
-        raise ModelFileError("the entry 'covariance' is none: a variance below 0, or rows and columns that differ")
+        raise ModelFileError("the entry 'covariance' is not valid: a variance below 0, or rows and columns that differ")
     return matrix
 
 
@@ -348,7 +348,7 @@ def verdict_of(where: dict[str, Any]) -> Verdict:
 
 def pole_object(pole: complex) -> dict[str, Any]:
     """Return a pole as an object of JSON."""
-    magnitude = math.hypot(pole.real, pole.imag)  # abs() raises where it leaves float64
+    magnitude = math.hypot(pole.real, pole.imag)  # abs() raises on overflow
     return {
         "real": finite(pole.real),
         "imag": finite(pole.imag),

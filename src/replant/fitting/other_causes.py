@@ -1,21 +1,21 @@
-r"""What the recording has, and the plant has not: other causes of a model that is not trusted, or that should not be.
+r"""Faults of the recording, not of the plant: other causes of a model that is not trusted, or should not be.
 
-    glitches  a few values of the input far from all others, which the plant has not seen: a bad cable, an error code
+    glitches  a few values of the input far from all others that did not reach the plant: a bad cable, an error code
     drift     a straight line on the output: a sensor that warms up, a load that grows
 
-Each leaves a model that explains little, and tests that name causes which are not there.  Whether it is the cause is
-asked of the record: without it another model has more evidence, also than one with one more mode, and is trusted.  What
-was taken off is paid for as numbers that were fitted.
+Each leads to a model that explains little, and to tests that name wrong causes.  It is accepted as the cause if a model
+of the record without it has more evidence, also than one with one more mode, and is trusted.  Each number that was
+removed has the price of a fitted one.
 
-A trusted model may be off where the free initial state takes a part of the response to the input.  A step test with few
-samples before the step tells both by nearly the same samples: its gain is known ten times less well than if the record
-is known to begin at rest.  If it does, the gain from rest, :math:`g_r`, is efficient, and the free one, :math:`g_f`,
-differs by chance alone (Hausman):
+A trusted model may be wrong if the free initial state explains a part of the response to the input.  A step test with
+few samples before the step determines both from nearly the same samples: its gain is ten times less certain than if the
+record is known to begin at rest.  If it does, the gain from rest, :math:`g_r`, is efficient, and the free one,
+:math:`g_f`, differs by chance alone (Hausman):
 
 .. math:: (g_f - g_r)^2 / (\sigma_f^2 - \sigma_r^2) \sim \chi^2_1
 
-A record is taken to begin at rest where the output neither rises nor falls before the input moves, and where the model
-from rest is trusted.
+A record counts as beginning at rest if the output neither rises nor falls before the input moves, and the model from
+rest is trusted.
 
 Source: Hausman (1978), "Specification tests in econometrics", Econometrica 46.
 """
@@ -51,20 +51,20 @@ from replant.verdict.reasons import POOREST_FIT
 from replant.verdict.sensor_and_excitation import FROM_REST
 from replant.verdict.verdict import Assessment, percent
 
-# that of the intervals that are stated, within which the gain from rest is to lie
-LEVEL = 0.05  # chance to ask in vain where the record begins at rest [probability]
+# that of the stated intervals, in which the gain from rest should lie
+LEVEL = 0.05  # chance of a false alarm if the record begins at rest [probability]
 
-# where it takes less, the gain from rest is hardly better known, and the test says nothing
-SHARE = 0.5  # of what the record tells of the gain, what the initial state takes where that is looked into [part]
+# with less, the gain from rest is hardly more certain, and the test has no power
+SHARE = 0.5  # least share of the information on the gain that the initial state takes, for a test [part]
 
 
 class Supposed(NamedTuple):
-    """A record without what may be the cause, beside the same outputs of the record as it came."""
+    """A record without a possible cause, and the record as it was given, with the same outputs."""
 
     given: Record
     without: Record
-    numbers: int  # that were taken off
-    reason: str  # before the fit of the model without
+    numbers: int  # that were removed
+    reason: str  # text before the fit of the model without the cause
     advice: str
 
 
@@ -72,7 +72,7 @@ def judged_further(
     verdict: Assessment, structure: Structure, parameters: FloatArray, covariance: FloatArray | None, record: Record,
     zero: float, columns: tuple[OtherColumn, ...],
 ) -> Assessment:  # fmt: skip
-    """Return the verdict on a model (P,) of a whole record, of u - ``zero``, with what other models of it say."""
+    """Return the verdict on a model (P,) of a whole record, of u - ``zero``, with the results of other models of it."""
     if covariance is not None:  # noise biases an estimate without one
         if is_asked_for(verdict, structure):
             verdict = with_fewer_poles(verdict, structure, parameters, record)
@@ -91,7 +91,7 @@ def judged_further(
 def with_other_cause(
     verdict: Assessment, structure: Structure, parameters: FloatArray, record: Record, zero: float
 ) -> Assessment:
-    """Return the verdict on a model (P,), and where another cause is found, that alone; its record has u - ``zero``."""
+    """Return the verdict on a model (P,), or another cause as its only reason; the record has u - ``zero``."""
     record = record.last(MOST_SAMPLES)
     if verdict.status == "trusted" or len(record.parts) > 1 or record.r is not None:
         return verdict
@@ -99,16 +99,16 @@ def with_other_cause(
         supposed = cause()
         reason = "" if supposed is None else _reason(supposed, structure, parameters)
         if reason:
-            return replace(verdict, status="inconsistent", reasons=(reason,))  # others are of a model that it has made
+            return replace(verdict, status="inconsistent", reasons=(reason,))  # the other reasons are due to it
     return verdict
 
 
 def _reason(supposed: Supposed, structure: Structure, parameters: FloatArray) -> str:
-    """Return that a cause is one, as a model without it has more evidence and is trusted; empty where none is."""
+    """Return the reason that names a cause, if a model without it has more evidence and is trusted; else empty."""
     at_rest, other = not structure.delay, supposed.without
     given = Evidence(supposed.given, at_rest=at_rest).of(structure, [without_nuisances(structure, parameters)])
     found = Evidence(other, at_rest=at_rest).of(structure, (), afresh=True)
-    # nor does one more mode explain the record as well, whose slow pole may do what a line does
+    # one more mode must not explain the record as well, as its slow pole may act like a line
     more = replace(structure, poles=structure.poles + 1, zeros=structure.zeros + 1)
     richer = Evidence(supposed.given, at_rest=at_rest).of(more, (), afresh=True)
     price = 0.5 * supposed.numbers * math.log(other.u.size)
@@ -117,7 +117,7 @@ def _reason(supposed: Supposed, structure: Structure, parameters: FloatArray) ->
         return ""
     theta, covariance = found.found.theta[: structure.size], found.found.covariance[: structure.size, : structure.size]
     dt = other.usual if math.isfinite(other.usual) else other.dt
-    # of a wrong structure none tells what the plant has seen
+    # a wrong structure proves nothing about the input that reached the plant
     if assess_record(structure, theta, other, dt, covariance).status != "trusted":
         return ""
     return f"{supposed.reason} a model explains {found.fit:.1f} %: {supposed.advice}"
@@ -152,7 +152,7 @@ def _drift(structure: Structure, record: Record) -> Supposed | None:
     power = max(float(np.var(record.y[known])), np.finfo(float).tiny)
     if not MATTERS * power < float(np.var(of_output)) < math.inf:
         return None
-    # the plant answers to the line of its input: what its gain leaves of the output's is a drift
+    # the plant responds to the line of its input: the line of the output minus this response is a drift
     found = refine(structure, replace(_less(record, of_output), u=record.u - of_input), (), afresh=True)
     slow = 0.0 if found is None else float(found.theta[structure.poles - 1])
     if found is None or slow == 0.0:
@@ -161,7 +161,7 @@ def _drift(structure: Structure, record: Record) -> Supposed | None:
     nearly = _less(record, drift)
     found = refine(structure, nearly, [found.theta], afresh=True)
     run = None if found is None else run_model(structure, found.theta[: structure.size], nearly, record.dt)
-    if run is not None:  # and of what is left what no other coefficients explain
+    if run is not None:  # plus the line in the residual that no other coefficients explain
         columns = np.column_stack([t - t.mean(), run.zeta, run.nuisances])[known]
         drift = drift + amounts_of(columns, run.error[known])[0] * (t - t.mean())
     part = float(np.var(drift)) / power
@@ -172,12 +172,12 @@ def _drift(structure: Structure, record: Record) -> Supposed | None:
 
 
 def _less(record: Record, drift: FloatArray) -> Record:
-    """Return a record less a drift (K,) of its output."""
+    """Return a record minus a drift (K,) of its output."""
     return replace(record, y=np.where(record.is_measured, record.y - drift, record.y))
 
 
 def _line(t: FloatArray, signal: FloatArray, known: BoolArray) -> FloatArray:
-    """Return the straight line (K,), of mean zero, that explains most of the samples known of a signal (K,)."""
+    """Return the straight line (K,) that fits the known samples of a signal (K,) best, with mean zero over these."""
     since = t - t[known].mean()
     slope = inner(since[known], signal[known]) / max(sum_of_squares(since[known]), np.finfo(float).tiny)
     return np.asarray(slope * since)
@@ -187,7 +187,7 @@ def _line(t: FloatArray, signal: FloatArray, known: BoolArray) -> FloatArray:
 def gain_from_rest(
     structure: Structure, theta: FloatArray, covariance: FloatArray, record: Record, *, trusted: bool = True
 ) -> float | None:
-    """Return the gain from rest, where it refutes that of a model (P,), or this one is not trusted; else None."""
+    """Return the gain from rest if it rejects that of a model (P,), or the model is not trusted; else None."""
     if not has_rest(structure.transfer_function(theta), record.span) or len(record.parts) > 1 or record.r is not None:
         return None
     if not _rests(record) or not _is_taken(structure, theta, record):
@@ -217,7 +217,7 @@ def _rests(record: Record) -> bool:
         return False
     rows = slice(0, int(moves[0]))
     y = record.y[rows][record.is_measured[rows]]
-    if y.size < 3:  # nothing to see
+    if y.size < 3:  # too few to test
         return True
     along = np.asarray(np.linspace(-1.0, 1.0, y.size), np.float64)
     slope = inner(along, y) / sum_of_squares(along)
@@ -227,7 +227,7 @@ def _rests(record: Record) -> bool:
 
 
 def _is_taken(structure: Structure, theta: FloatArray, record: Record) -> bool:
-    """Return whether the initial state takes most of what the record tells of the gain."""
+    """Return whether the initial state takes most of the record's information on the gain."""
     problem = Problem(structure, record)
     model = problem.with_nuisances(without_nuisances(structure, theta))
     zeta, size = problem.run(model).zeta, model.size - structure.poles  # without the initial state
@@ -243,7 +243,7 @@ def _is_taken(structure: Structure, theta: FloatArray, record: Record) -> bool:
 
 
 def _from_rest(record: Record) -> Record | None:
-    """Return a record with the rest before it; None where no output is known until the input moves."""
+    """Return a record extended by rest before it; None if no output is known before the input moves."""
     output = outputs_from_rest(record.u, np.where(record.is_measured, record.y, np.nan))
     if output is None:
         return None

@@ -1,4 +1,4 @@
-"""A record that is parted at each load: offset and initial states are other ones since."""
+"""A record divided at each load, with new offset and initial states after it."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ from replant.numerics.autoregression import duration_of
 from replant.verdict.sensor_and_excitation import LOADS_ACT, changed_finding, times_after
 from replant.verdict.verdict import Finding
 
-# what a model leaves of a step of the sensor amid a record lasts for a fifth to two fifths of it
-FEW = 10  # times that noise can change within a record, up to which it may be a load [count]
+# the residual due to a step of the sensor amid a record lasts for a fifth to two fifths of it
+FEW = 10  # durations of the noise in a record up to which it may be due to a load [count]
 
-#: What solves a record with loads that act since these samples.
+#: Solves a record with loads that begin at these samples.
 WithLoads = Callable[[tuple[int, ...]], Solution | None]
 
 
 class PartedRow(NamedTuple):
-    """A record of several inputs that was parted, its estimate, and what there is to say."""
+    """A divided record of several inputs, its estimate, and the findings."""
 
     ready: RowRecord
     solution: RowSolution | None
     findings: tuple[Finding, ...]
-    loads: tuple[int, ...] = ()  # samples since which another load acts
-    plant: Change | None = None  # since when the plant seems to be another one; the estimate is of both
+    loads: tuple[int, ...] = ()  # samples at which another load begins
+    plant: Change | None = None  # where the plant seems to change; the estimate is of both plants
 
 
 def solve_parted_row(
@@ -55,7 +55,7 @@ def solve_parted_row(
     names: tuple[str, ...],
     loads: tuple[int, ...] = (),
 ) -> PartedRow:
-    """Return the estimate of a record, see `solve_with`, and what has changed within it, ``loads`` maybe."""
+    """Return the estimate of a record, see `solve_with`, and the changes within it; ``loads`` may act."""
 
     @cache
     def solved(loads: tuple[int, ...]) -> PartedRow:
@@ -85,7 +85,7 @@ def _model_of_row(found: PartedRow) -> Modelled | None:
 def solve_parted(
     structure: Structure, whole: Solution, with_loads: WithLoads, others: Iterable[FloatArray] = ()
 ) -> Parted[Solution | None]:
-    """Return a record of one input parted at its loads; ``whole`` is its solution without them."""
+    """Return the solution of a record of one input divided at its loads; ``whole`` is its solution without them."""
     others = list(others)
     at_gaps = _parted_at_gaps(structure, whole, with_loads, others)
     if at_gaps is None:
@@ -100,15 +100,15 @@ def solve_parted(
 def _parted_at_gaps(
     structure: Structure, whole: Solution, with_loads: WithLoads, others: Iterable[FloatArray]
 ) -> Parted[Solution] | None:
-    """Return a record parted at the gaps over which its level has changed; None where that is no likelier."""
+    """Return the solution divided at the gaps across which the level has changed; None if that is no likelier."""
     record, size = whole.record, structure.coefficients
     gaps = tuple(rows.start for rows in record.parts[1:] if rows.start not in record.begins)
     if not gaps or structure.bias:  # the offset is a parameter then
         return None
     row, loads = Row.of_one(structure, record), tuple[int, ...]()
-    since_each = (with_loads(begins) for begins in (gaps,))  # another load since each gap
+    since_each = (with_loads(begins) for begins in (gaps,))  # another load after each gap
     for theta in _models(structure, whole, others, since_each):
-        # steps of a row, whose parts have offsets of their own, lead a model away from what a level has made of it
+        # refined as a row, whose parts have their own offsets, which removes the effect of a changed level on a model
         loads = loads_at_gaps(structure, record, *settled(row, *Judge.of(row, theta[:size])))
         if loads:
             break
@@ -132,11 +132,11 @@ def _parted_at_gaps(
 def _parted_within(
     structure: Structure, whole: Solution, with_loads: WithLoads, others: Iterable[FloatArray]
 ) -> Parted[Solution | None]:
-    """Return a record parted at the loads that begin within its stretches."""
+    """Return the solution divided at the loads that begin within stretches of the record."""
     row, samples = Row.of_one(structure, whole.record), whole.record.u.size
     halves = slice(0, samples // 2), slice(samples // 2, samples)
     of_halves = (solve(structure, whole.record.part(rows)) for rows in halves)
-    # a slow pole may have followed a load and left nothing of it: then other models (T,), or of the halves, tell of it
+    # a slow pole may have followed a load completely: then other models (T,), or those of the halves, show it
     for theta in _models(structure, whole, others, of_halves):
         judge = Judge.of(row, theta[: structure.coefficients])
         if may_have_loads(row, judge.theta):
@@ -147,7 +147,7 @@ def _parted_within(
 def _models(
     structure: Structure, whole: Solution, others: Iterable[FloatArray], of_parts: Iterable[Solution | None]
 ) -> Iterator[FloatArray]:
-    """Yield the model (T,) of a record, others, and of parts, where it is too short for a pole of model or noise."""
+    """Yield the model (T,) of a record, others, and those of parts if a pole of model or noise is too slow for it."""
     yield whole.found.theta
     yield from others
     g, noise = structure.transfer_function(whole.found.theta[: structure.size]), whole.found.noise_model.coefficients
@@ -156,7 +156,7 @@ def _models(
 
 
 def differ(structure: Structure, whole: Solution, parted: Solution) -> bool:
-    """Return whether the outputs that two G(s) make of a record's input differ by what is noticed."""
+    """Return whether the outputs of two G(s) for a record's input differ by more than is harmless."""
     return outputs_differ(Problem(structure, whole.record), parted.found.theta, whole.found.theta)
 
 

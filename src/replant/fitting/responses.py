@@ -26,9 +26,9 @@ from replant.plotting.diagrams import draw_bode, draw_nyquist, draw_poles, draw_
 from replant.plotting.numbers import over, with_std
 from replant.plotting.style import Shown
 
-POINTS = 400  # points of a response; of one over time that oscillates fast, the least [count]
-PER_PERIOD, MOST_POINTS = 8, 8000  # points for each period of a response over time, and points at the most [count]
-SETTLED = 6.0  # of the slowest mode: 0.25 % of a step response is then left [time constants]
+POINTS = 400  # points of a response; a fast oscillation over time has more [count]
+PER_PERIOD, MOST_POINTS = 8, 8000  # points per period of a response over time, and most points [count]
+SETTLED = 6.0  # duration of a response: 0.25 % of a step response is then left [slowest time constants]
 BEYOND = 30.0  # how far a frequency response reaches beyond the slowest and the fastest root [ratio]
 RESONANT = 0.3  # damping below which a pair of roots makes a peak that needs frequencies of its own [damping ratio]
 NEAR_RESONANCE = 32  # frequencies about a peak; even: at an undamped root itself the response is infinite [count]
@@ -37,7 +37,7 @@ LEAST_DAMPING = 1e-4  # damping at which peaks are not resolved any further [dam
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StepResponse(Shown):
-    """The output by a unit step, from rest.
+    """The response to a unit step, from rest.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class StepResponse(Shown):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ImpulseResponse(StepResponse):
-    """The output by a unit impulse, from rest: time, output and std as of a `StepResponse`."""
+    """The response to a unit impulse, from rest: time, output and std as of a `StepResponse`."""
 
     WHAT = "impulse response"
 
@@ -179,11 +179,11 @@ class PoleMap(Shown):
 
 
 def time_of(model: TransferFunction, given: float | None = None) -> FloatArray:
-    """Return times (N,) in s from 0 until the slowest mode has settled, close enough to show each oscillation."""
+    """Return times (N,) in s from 0 to ``given``, or until the slowest mode has settled; oscillations are resolved."""
     if given is None:
         slowest = np.abs(model.poles.real)
         speeds = np.where(slowest > 1e-6 * np.abs(model.poles), slowest, np.abs(model.poles))
-        # a mode too slow for any time is one that never settles, as an integrator does not; nor is one too fast seen
+        # without modes that are too slow to settle, as an integrator, or too fast to be seen
         speeds = speeds[(speeds > SETTLED / (0.1 * LONGEST)) & (speeds < SETTLED / SHORTEST)]
         lasts = model.delay + (SETTLED / float(speeds.min()) if speeds.size else 1.0)
         lasts = min(lasts, LONGEST)
@@ -246,7 +246,7 @@ def _over_time(
 
 def _response(num: FloatArray, model: TransferFunction, time: FloatArray, *, impulse: bool) -> FloatArray:
     """Return the response (N,) of num(s) over the denominator of a model, with its dead time."""
-    if impulse:  # of s num / den the step response is the impulse response of num / den
+    if impulse:  # the step response of s num / den is the impulse response of num / den
         num = np.append(num, 0.0)
     part = TransferFunction(num, model.den, model.delay)
     return part.simulate(np.ones(time.size), float(time[1] - time[0]))

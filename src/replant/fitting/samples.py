@@ -1,4 +1,4 @@
-"""Samples: what `fit`, `search` and `run` are given: logs, arrays or a table; and the checked record of them."""
+"""Samples: the data given to `fit`, `search` and `run`, as logs, arrays or a table; and the checked record of them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.numerics.limits import increasing
 from replant.verdict import Simulation, fit_percent, simulate
 
-# a gap of any length begins a new part; none of the estimate depends on it
+# a gap of any length begins a new part; the estimate does not depend on its length
 BETWEEN = 10.0  # gap between two logs that are fitted together [longest interval beside it]
 SAME_CLOCK = 1e-3  # difference of two logs' sampling times up to which they are the same [part]
 
@@ -49,7 +49,7 @@ class Samples:
     reference_name: str = ""
     more_inputs: tuple[str, ...] = ()  # names of those of ``others`` that are inputs too
     more_references: tuple[str, ...] = ()  # those that are references too
-    rest: int = 0  # samples that `from_rest` put before the logs, which are none of theirs
+    rest: int = 0  # samples that `from_rest` has put before the logs
 
     @classmethod
     def of(
@@ -91,7 +91,7 @@ class Samples:
 
     @classmethod
     def of_several(cls, logs: list[Log]) -> Samples:
-        """Return the samples of several logs of one rig, a gap between, behind which state and offset begin anew."""
+        """Return the samples of several logs of one rig, divided by gaps, after which state and offset begin anew."""
         first, origin, last = logs[0], 0.0, 0.0
         stamps: list[FloatArray] = []
         for number, log in enumerate(logs):
@@ -150,13 +150,13 @@ class Samples:
 
     @property
     def preprocess(self) -> Preprocess:
-        """Working point by default: a rig is rarely at rest at zero; of arrays nothing is known."""
+        """Working point by default: the means of a log, as a rig rarely rests at zero; 0 for arrays."""
         return Preprocess("identity", "mean", "mean") if self.is_log else Preprocess()
 
     def checked(
         self, structure: Structure, dt: float, input_hold: str, preprocess: Preprocess
     ) -> tuple[RawRecord, FloatArray | None, dict[str, int]]:
-        """Return the record of one input and its reference, checked, and how many samples are rejected for what."""
+        """Return the checked record of one input and its reference, and the number of rejected samples by reason."""
         u, y = record(self.u, self.y)
         stamps = None if self.t is None else increasing(self.t, u.size)
         r = None if self.reference is None else accepted(reference_of(self.reference, u.size))[0]
@@ -190,12 +190,12 @@ class RawRecord:
     y: FloatArray  # (K,)
     stamps: FloatArray | None  # time stamps in s; None for a regular clock
     input_hold: str
-    begins: tuple[int, ...] = ()  # samples at which another record begins, whose offset and initial state are its own
-    loads: tuple[int, ...] = ()  # samples since which another load acts: the same, but of one record
+    begins: tuple[int, ...] = ()  # samples at which another record begins, with its own offset and initial state
+    loads: tuple[int, ...] = ()  # samples at which another load begins: the same, within one record
 
     @cached_property
     def mapped(self) -> FloatArray:
-        """The input (K,) behind its map."""
+        """The mapped input (K,)."""
         return self.preprocess.map_input(self.u)
 
     @cached_property
@@ -205,7 +205,7 @@ class RawRecord:
 
     @cached_property
     def made_use_of(self) -> BoolArray:
-        """Which samples (K,) a record made ready has: inputs that can be used, from the first output to the last."""
+        """Which samples (K,) the prepared record has: usable inputs, from the first usable output to the last."""
         usable = self.usable
         return self.known & np.logical_or.accumulate(usable) & np.logical_or.accumulate(usable[::-1])[::-1]
 
@@ -224,18 +224,18 @@ class RawRecord:
         return replace(ready, begins=begins).levelled
 
     def input_level(self, record: Record) -> float:
-        """Return the mapped input at which that of a record made ready is zero: it has a level of its own."""
+        """Return the mapped input that is zero in a prepared record, which has its own level."""
         return float(self.mapped[self.made_use_of][0] - record.u[0]) if record.u.size else 0.0
 
     def levelled(self, y: FloatArray) -> FloatArray:
-        """Return an output (K,) less the mean of each record: what the model is to explain of them."""
+        """Return an output (K,) minus the mean of each record: the part that a model is to explain."""
         records = [y[begin:end] for begin, end in pairwise([0, *self.begins, self.u.size])]
         levels = [each[np.isfinite(each)].mean() if np.isfinite(each).any() else 0.0 for each in records]
         return np.concatenate([each - level for each, level in zip(records, levels, strict=True)])
 
     @property
     def _parts(self) -> list[slice]:
-        """The rows whose offset and initial state are their own."""
+        """The rows of each part with its own offset and initial state."""
         return [slice(*rows) for rows in pairwise([0, *sorted({*self.begins, *self.loads}), self.u.size])]
 
     def simulated(self, model: TransferFunction, y: FloatArray) -> Simulation:

@@ -1,4 +1,4 @@
-"""What a search finds: candidates, and the one chosen; and what its walks share."""
+"""The result of a search: candidates, and the one chosen; and the search for a dead time between grid points."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from replant.fitting.several_outputs import MatrixFit
 from replant.fitting.structure_evidence import Judged
 from replant.model.structure import Structure
 
-ALPHA = 1e-2  # chance that a better likelihood is no more than chance [probability]
+ALPHA = 1e-2  # level at which a better likelihood is more than chance [probability]
 
-# a dead time that lies a seventh of its standard deviation from the likeliest costs as much
-WORTH = 0.01  # gain that a dead time between two points of the grid must promise to be tried [log-likelihood]
-# halving as often would find it to a 256th of a sample; tops of parabolas come as near in fewer steps
-BETWEEN = 8  # dead times tried between two points of the grid, at the most [count]
-SHOWN = 6  # candidates within chance of the best that are shown, at the most [count]
+# the loss a seventh of a standard deviation from the likeliest dead time
+WORTH = 0.01  # predicted gain below which no dead time between two points of the grid is tried [log-likelihood]
+# as many halvings would find it to a 256th of a sample; maxima of parabolas come as near in fewer steps
+BETWEEN = 8  # most dead times tried between two points of the grid [count]
+SHOWN = 6  # most candidates within chance of the best that are shown [count]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,16 +29,16 @@ class Candidate:
     Attributes
     ----------
     structure : Structure or tuple of Structure
-        Of several inputs one each.
+        With several inputs one for each.
     fit : float
-        Fit in percent of the simulated output over all samples, with offset and initial state estimated; of an unstable
-        model, which would run away, of the output predicted one step ahead.  Minus infinity where there is no model,
-        or where the structure was left early: beside a smaller one, or a dead time next to it, it could not win.
+        Fit in percent of the simulated output over all samples, with offset and initial state estimated; for an
+        unstable model, which would run away, of the output predicted one step ahead.  Minus infinity if there is no
+        model, or the structure was left early, as it could not win against a smaller one or a neighbouring dead time.
     likelihood : float
         Logarithm of the likelihood of all samples.
     criterion : float
-        Bayesian information criterion: N ln(K) less twice the log-likelihood, N numbers fitted to K samples.  Smaller
-        is better.
+        Bayesian information criterion: N ln(K) minus twice the log-likelihood, with N numbers fitted to K samples.
+        Smaller is better.
     uncertainty : float
         Largest standard deviation of a coefficient, as a part of its size.
     """
@@ -78,13 +78,13 @@ class SearchResult:
         The fit of the chosen structure to the whole record, its dead time found between the points of the grid.
     chosen : Candidate
     candidates : tuple of Candidate
-        All of the grid, in its order, and the one chosen, where it is not of the grid; of several inputs those that
-        were tried.
+        All of the grid, in its order, and the one chosen, if it is not on the grid; with several inputs those that were
+        tried.
     between : bool
         Whether the dead time of the one chosen lies between the points of the grid.
     """
 
-    best: Any  # FitResult or RowFit: which, the record tells
+    best: Any  # FitResult; RowFit with several inputs or outputs
     chosen: Candidate
     candidates: tuple[Candidate, ...]
     between: bool = False
@@ -96,7 +96,7 @@ class SearchResult:
 
     @property
     def likely(self) -> tuple[Candidate, ...]:
-        """Those worth reading, that of most evidence first: those within chance of it, and the best of each order."""
+        """The relevant ones by evidence: within chance of the best, the best of each order, and the one chosen."""
         tried = sorted((each for each in self.candidates if each.was_tried), key=lambda each: each.criterion)
         best = {each.of_inputs("poles"): each for each in reversed(tried)}
         chance = [each for each in tried[:SHOWN] if each.criterion <= tried[0].criterion - 2.0 * math.log(ALPHA)]
@@ -105,7 +105,7 @@ class SearchResult:
 
     @property
     def rest(self) -> str:
-        """What is to be said of the others, in one line; empty where there are none."""
+        """A line about the other candidates; empty without any."""
         more = len(self.candidates) - len(self.likely)
         early = sum(not each.was_tried for each in self.candidates)
         if not more:
@@ -151,7 +151,7 @@ Tried = TypeVar("Tried", bound=Judged)
 def likeliest_between(
     trials: dict[float, Tried], low: float, high: float, dt: float, tried: Callable[[float, Tried], Tried | None]
 ) -> Tried:
-    """Return the likeliest trial of dead times between two points of a grid; ``tried`` makes one beside the nearest."""
+    """Return the likeliest trial of dead times between two points of a grid; ``tried`` starts one from the nearest."""
 
     def is_tried(delay: float) -> bool:
         trial = tried(delay, trials[min(trials, key=lambda at: abs(at - delay))])
@@ -160,7 +160,7 @@ def likeliest_between(
         return trial is not None
 
     best = max(trials, key=lambda at: trials[at].likelihood)
-    # a zero can make up for a part of a dead time, so that there may be several tops
+    # a zero can replace a part of a dead time, so that there may be several maxima
     sides = [0.5 * (best + end) for end in (low, high) if abs(end - best) > dt]
     for delay in sides:
         is_tried(delay)
@@ -172,7 +172,7 @@ def likeliest_between(
 
 
 def top_of_parabola(values: Mapping[float, float], low: float, high: float) -> tuple[float, float]:
-    """Return where the parabola through the best of some values and its neighbours is highest, and by how much."""
+    """Return the maximum of the parabola through the best of some values and its neighbours, and its gain."""
     best = max(values, key=lambda place: values[place])
     near = sorted((place for place in values if place != best), key=lambda place: abs(place - best))
     if len(near) < 2:

@@ -1,4 +1,4 @@
-"""Several outputs over the same inputs: the samples and the row of each, the matrix of rows; any model in a file."""
+"""Several outputs of the same inputs: the samples and the row of each, the matrix of rows; and `load_model`."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class MatrixModel(model_file.Written):
 
     @property
     def input_name(self) -> tuple[str, ...]:
-        """The same, as `Model` has one."""
+        """The same, by the name that `Model` uses."""
         return self.input_names
 
     @property
@@ -90,7 +90,7 @@ class MatrixModel(model_file.Written):
 
     @property
     def output_name(self) -> tuple[str, ...]:
-        """The same, as `Model` has one."""
+        """The same, by the name that `Model` uses."""
         return self.output_names
 
     @property
@@ -122,7 +122,7 @@ class MatrixModel(model_file.Written):
         Parameters
         ----------
         log : Log or (K, q) array
-            The record, whose output and ``others`` have the outputs by their names; or its inputs.
+            The record, with the outputs by their names in its output and ``others``; or its inputs.
         y : (K, p) array, optional
             The measured outputs, where ``log`` is an array.
         t : (K,) array, optional
@@ -136,7 +136,7 @@ class MatrixModel(model_file.Written):
         Raises
         ------
         InvalidArgumentError
-            If the columns are not as many as the outputs or inputs, the log lacks one, or the record is too short.
+            If the number of columns is wrong, the log lacks an output or input, or the record is too short.
         """
         if isinstance(log, Log):
             return tuple(row.validate(with_output(log, row.output_name), y, t) for row in self.rows)
@@ -191,7 +191,7 @@ class MatrixFit:
 
     @property
     def model(self) -> MatrixModel:
-        """What is worth keeping of all rows."""
+        """The models of all rows."""
         return MatrixModel(tuple(row.model for row in self.rows))
 
     @property
@@ -293,12 +293,12 @@ def samples_of_outputs(
 
 
 def without_outputs(given: Beside, names: Collection[str]) -> Beside:
-    """Return a log or samples beside which no other output stands: that is no column to explain it."""
+    """Return a log or samples without other outputs among the columns that may explain the output."""
     return replace(given, others={name: each for name, each in given.others.items() if name not in names})
 
 
 def are_rows(outputs: list[Samples], not_yet: dict[str, bool], *orders: Any) -> bool:
-    """Return whether several outputs or inputs are asked for, and refuse what they do not take yet."""
+    """Return whether several outputs or inputs are asked for; refuse arguments that these do not take yet."""
     if len(outputs) == 1 and not is_row(outputs[0], *orders):
         r = outputs[0].references
         check_one_reference(r.shape[1] if isinstance(r, np.ndarray) and r.ndim == 2 else 1)
@@ -337,7 +337,7 @@ def in_columns(given: Samples) -> Samples:
 
 
 def own_of(name: str, given: Any, number: int, count: int, words: str) -> Any:
-    """Return poles, zeros or dead times of one signal: those of all, or its own of a list of them for each."""
+    """Return poles, zeros or dead times of one signal: those for all signals, or its own item of a list for each."""
     is_list = isinstance(given, list | tuple | np.ndarray) and iterable(given)
     if not (is_list and any(map(iterable, given))):
         return given

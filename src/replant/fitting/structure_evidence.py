@@ -1,17 +1,17 @@
 r"""Evidence for a structure: how likely a model of it makes all samples of a record.
 
-A model gives the density of every output, its past known: that of the innovation, the error of the output predicted one
-step ahead, filtered by an autoregression D(q) of its own.  Of a stable model this error is that of the simulation; an
+A model gives the density of every output, given its past: that of the innovation, the error of the output predicted one
+step ahead, filtered by its own autoregression D(q).  For a stable model this error is that of the simulation; an
 unstable one is judged by the same figure.  The evidence is
 
 .. math:: \ln p(y \mid \hat\theta) - \tfrac12 N \ln K,
 
 with N numbers fitted to K samples: the coefficients, a dead time, the initial state, the autoregression.  It is
-Laplace's approximation of the marginal likelihood.  A wrong model can leave the answer of the plant to its
-autoregression, but pays for that one too.
+Laplace's approximation of the marginal likelihood.  A wrong model can leave the response of the plant to its
+autoregression, but pays for that, too.
 
-All structures are compared over the same samples.  With a dead time the first outputs answer to inputs from before
-the record.  Either the input was held before it, as before a step test: the record is then continued back.  Or the
+All structures are compared over the same samples.  With a dead time the first outputs depend on inputs before the
+record.  Either the input was held before it, as before a step test: the record is then extended backwards.  Or the
 plant was in motion: these outputs are then predicted from the outputs before them, without a model of the plant.
 
 Source: Schwarz (1978), "Estimating the dimension of a model", Annals of Statistics 6; Ljung (1999), "System
@@ -67,7 +67,7 @@ class Trial(Judged):
     found: Refined
 
     def grown(self, structure: Structure, dt: float) -> FloatArray:
-        """Return the model as one of a larger structure: its other poles are infinitely fast."""
+        """Return the model as one of a larger structure, with very fast additional poles."""
         less, theta = self.structure, self.found.theta
         model = np.zeros(theta.size + structure.coefficients - less.coefficients + structure.poles - less.poles)
         model[: structure.coefficients] = grown(less, theta, structure, dt / INFINITE)
@@ -86,7 +86,7 @@ def least_known(structure: Structure, theta: FloatArray, covariance: FloatArray,
 
 
 class Evidence:
-    """Fits structures to one record, and says how likely they make it."""
+    """Fits structures to one record, and computes their evidence."""
 
     @quiet
     def __init__(self, record: Record, *, at_rest: bool) -> None:
@@ -95,12 +95,12 @@ class Evidence:
         # variance of a residual below which it is no evidence
         self.least = (FINEST * float(np.std(record.y[self._known]))) ** 2
         self._alone = self._densities(record.y - record.y[self._known].mean(), self._known)[0]
-        self._alone[: LAGS + 1] = np.median(self._alone[self._known])  # what they begin with is free in every model
-        self._alone[~self._known] = 0.0  # what was not measured says nothing
+        self._alone[: LAGS + 1] = np.median(self._alone[self._known])  # the first outputs are free in every model
+        self._alone[~self._known] = 0.0  # missing outputs do not count
 
     @quiet
     def of(self, structure: Structure, given: Sequence[FloatArray], *, afresh: bool = False) -> Trial | None:
-        """Return the trial of a structure, started from given estimates; None where no start leads to a model."""
+        """Return the trial of a structure, started from given estimates; None if no start leads to a model."""
         record, own = self._with_beginning(structure.delay)
         found = refine(structure, record, given, afresh=afresh)
         if found is None:
@@ -117,7 +117,7 @@ class Evidence:
 
     @quiet
     def of_error(self, structure: Structure, error: FloatArray) -> tuple[float, Autoregression]:
-        """Return the evidence of a model that leaves an error (K,), and the autoregression of that."""
+        """Return the evidence of a model with an error (K,), and the autoregression of that."""
         explained = self._explained(structure.delay)
         likelihood, price, _ = self.judged(error, explained, numbers_of(structure))
         return likelihood - price, self._noise(error, explained)
@@ -136,7 +136,7 @@ class Evidence:
         )
 
     def _with_beginning(self, delay: float) -> tuple[Record, BoolArray]:
-        """Return the record, continued back for a dead time if it begins at rest, and which samples are its own."""
+        """Return the record, extended backwards by a dead time if it begins at rest, and which samples are its own."""
         record, own = self.record, self._known
         intervals = np.broadcast_to(record.intervals, own.shape)
         usual = float(np.median(intervals))
@@ -159,7 +159,7 @@ class Evidence:
         return longer_record, np.insert(np.ones(own.size, bool), at, False)
 
     def _explained(self, delay: float) -> BoolArray:
-        """Return which outputs (K,) answer to inputs that are known."""
+        """Return which outputs (K,) depend on known inputs alone."""
         return self._known if self.at_rest else self._known & self.record.answers(delay)
 
     def _densities(self, error: FloatArray, explained: BoolArray, *, whitened: bool = True) -> tuple[FloatArray, int]:
@@ -168,7 +168,7 @@ class Evidence:
         noise = self._noise(error, explained) if whitened else Autoregression.white(1.0, error.size)
         white = noise.whiten_known(error, known)
         variance = max(float(np.mean(white[explained] ** 2)), self.least, np.finfo(float).tiny)
-        # a sample with a shorter past is known less well
+        # a sample with a shorter past is predicted less well
         power = max(float(noise.powers[noise.order]), np.finfo(float).tiny)
         wider = np.maximum(noise.powers[np.minimum(known, noise.order)] / power, 1.0)
         return -0.5 * (white**2 / variance + np.log(2.0 * math.pi * variance * wider)), noise.order
@@ -187,7 +187,7 @@ def numbers_of(structure: Structure) -> int:
 
 
 def is_asked_for(verdict: Assessment, structure: Structure) -> bool:
-    """Return whether a smaller model is worth trying: a coefficient is not known."""
+    """Return whether smaller models are worth trying: a coefficient is too uncertain."""
     return (
         structure.poles > 1
         and not structure.feedthrough
@@ -197,7 +197,7 @@ def is_asked_for(verdict: Assessment, structure: Structure) -> bool:
 
 
 def with_fewer_poles(verdict: Assessment, structure: Structure, parameters: FloatArray, record: Record) -> Assessment:
-    """Return the verdict on a model (P,) that names the fewer poles of more evidence: first, unless it is trusted."""
+    """Return the verdict on a model (P,), with a reason if fewer poles have more evidence: first, unless trusted."""
     evidence = Evidence(record.last(MOST_SAMPLES), at_rest=not structure.delay)
     trials = [evidence.of(structure, [without_nuisances(structure, parameters)])]
     trials += [evidence.of(with_poles(structure, poles), ()) for poles in range(1, structure.poles)]
@@ -206,6 +206,6 @@ def with_fewer_poles(verdict: Assessment, structure: Structure, parameters: Floa
         return verdict
     fewer = best.structure.poles
     reason = f"with fewer poles the record is likelier: ask for {'one pole' if fewer == 1 else f'{fewer} poles'}"
-    verdict = without_longer(verdict)  # of a pole that is not there no record tells more
+    verdict = without_longer(verdict)  # no longer record determines a pole that does not exist
     reasons = (*verdict.reasons, reason) if verdict.status == "trusted" else (reason, *verdict.reasons)
     return replace(verdict, reasons=reasons)

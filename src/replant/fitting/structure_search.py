@@ -68,21 +68,21 @@ def search(
 ) -> SearchResult | MatrixSearch:
     """Fit the structures of a grid by refined instrumental variables, and choose one.
 
-    A structure is judged by its evidence: the log-likelihood of all samples, one step ahead, less ln(K) / 2 for every
-    number that was fitted, see `replant.fitting.structure_evidence`.  The numbers of poles and zeros are compared with
-    the dead time found between the points of the grid.  The grid's own dead time stays unless another brings more than
+    A structure is judged by its evidence: the log-likelihood of all samples, one step ahead, minus ln(K) / 2 for every
+    fitted number, see `replant.fitting.structure_evidence`.  The numbers of poles and zeros are compared with the dead
+    time found between the points of the grid.  A dead time of the grid is kept unless another one gains more than
     ln(K) / 2.  Structures that cannot win are left early.
 
-    Of several inputs not all structures are tried.  From the smallest one of each input, one input is changed at a
+    With several inputs not all structures are tried.  From the smallest one of each input, one input is changed at a
     time: its dead time along the grid, a pole or a zero more or fewer, as long as the evidence rises.
 
     Parameters
     ----------
     u, y, dt : as of `fit`
-        A record, ``u`` (K,) or (K, q) of q inputs, a log, several logs of one rig, or columns of a table.  Of several
-        outputs, ``y`` (K, p), each is searched for by itself, in the same grid.
+        A record, ``u`` (K,) or (K, q) of q inputs, a log, several logs of one rig, or columns of a table.  With several
+        outputs, ``y`` (K, p), each has its own search in the same grid.
     poles : int or iterable of int
-        Numbers of poles to try; of several inputs from each, or a tuple with a range for each, as for the following.
+        Numbers of poles to try; with several inputs for each, or a tuple with a range for each; so are the following.
     zeros : int or iterable of int, optional
         Numbers of zeros to try; by default all below the number of poles.
     delays : float or iterable of float
@@ -92,12 +92,12 @@ def search(
     preprocess, reference, t, input, output : as of `fit`
         Working point, set-point, time stamps, columns of the table.
     progress : callable
-        Called before each structure with how many were tried, of how many.
+        Called before each structure with the numbers of structures tried and in all.
 
     Returns
     -------
     SearchResult or MatrixSearch
-        Every structure of the grid, and the one chosen; of several outputs those of each.
+        Every structure of the grid, and the one chosen; with several outputs those of each.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def search(
     """
     outputs = samples_of_outputs(u, y, dt, t, reference, input, output)
     are_rows(outputs, {"bias": bias, "preprocess": preprocess is not None})
-    # an iterator ends: each input and each output takes the values again
+    # an iterator is read once, but each input and each output needs its values
     n, m, times = (
         tuple(islice(each, MOST_TRIED + 1)) if isinstance(each, Iterator) else each for each in (poles, zeros, delays)
     )
@@ -137,7 +137,7 @@ def search(
 
 
 def as_row(found: SearchResult, given: Samples) -> SearchResult:
-    """Return what a search has found in samples; its best as a row, beside which other outputs may stand."""
+    """Return the result of a search with its best as a row, as in a matrix of several outputs."""
     if isinstance(found.best, RowFit):
         return found
     each = found.best.structure
@@ -162,8 +162,8 @@ def _searched(
     hold = RefinedFilter(given.input_hold)
     raw, r, _ = given.checked(replace(grid[0], delay=times[-1]), dt, given.input_hold, preprocess)
     ready = raw.made_ready(r)
-    # without outputs that are bad by the smallest structure, or by themselves: a fast pole and an initial state of a
-    # larger one would explain a first output that is bad
+    # without outputs that are bad by the smallest structure, or without a model: a fast pole with an initial state of a
+    # larger structure would fit a bad first output
     solution = solve(min(grid, key=_size), ready)
     used = at_first(ready) if solution is None else leaving_out(ready, solution.doubt)
     for _ in range(2):
@@ -173,7 +173,7 @@ def _searched(
         made = best.record
         if made is None or made.u.size != used.u.size or (made.is_measured == used.is_measured).all():
             break
-        used = replace(used, y=made.y, measured=made.measured)  # and again, without what this model finds bad
+        used = replace(used, y=made.y, measured=made.measured)  # and again, without outputs that are bad by this model
     progress(len(grid), len(grid))
     shown = list(dict.fromkeys([*grid, chosen.structure]))
     candidates = tuple(sweep.candidate(structure) for structure in shown)
@@ -190,14 +190,14 @@ class _Sweep:
         self._progress, self._seen = progress, 0
         self._tried: dict[Structure, Trial | None] = {}
         self._between: dict[tuple[int, int], Trial] = {}
-        # a trial behind by more than chance makes of all its parameters cannot win
+        # a trial cannot win if it is behind by more than all its parameters gain by chance
         self._reach = chi2_quantile(1.0 - ALPHA, max(structure.size for structure in grid) + 1)
         if ready.u.size and float(np.ptp(ready.u)) > 0.0:
             self._walk()
 
     @property
     def chosen(self) -> Trial:
-        """The trial with the most evidence; its dead time that of the grid, unless another is paid for."""
+        """The trial with the most evidence; its dead time is of the grid, unless another is worth its price."""
         top = self._top
         if top is None:
             why = f" No, {CONSTANT}" if is_constant(self._evidence.record.u) else ""
@@ -208,7 +208,7 @@ class _Sweep:
         return top if paid else on_grid
 
     def candidate(self, structure: Structure) -> Candidate:
-        """Return what came of a structure of the grid, or of the one chosen."""
+        """Return the candidate of a structure of the grid, or of the one chosen."""
         trial = self._tried.get(structure, self._between.get(_size(structure)))
         if trial is None or trial.structure != structure:
             return Candidate(structure)
@@ -225,7 +225,7 @@ class _Sweep:
         return [trial for trial in self._tried.values() if trial is not None and _size(trial.structure) == size]
 
     def _walk(self) -> None:
-        """Try what can win."""
+        """Try all structures that can win."""
         for size in sorted({_size(structure) for structure in self._grid}):
             self._along_delays(size)
             if self._begins_in_motion():
@@ -238,7 +238,7 @@ class _Sweep:
         return None
 
     def _begins_in_motion(self) -> bool:
-        """Return whether unknown inputs before the record make it likelier, by more than chance makes of so many."""
+        """Return whether unknown inputs before the record make it likelier than by chance."""
         top, record = self._top, self._evidence.record
         if top is None or not self._evidence.at_rest or not top.structure.delay:
             return False
@@ -305,7 +305,7 @@ class _Sweep:
 
 
 def _options(given: Samples, poles: Any, zeros: Any, delays: Any) -> list[Options]:
-    """Return what may be tried of each of several inputs: the same of all, or a range for each."""
+    """Return the options of each of several inputs: the same for all, or a range for each."""
     count = np.shape(given.inputs)[1]
     asked, found = {"poles": poles, "zeros": zeros, "delays": delays}, []
     for i in range(count):

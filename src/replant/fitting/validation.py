@@ -1,7 +1,7 @@
-r"""Validation: a model beside a record that it was not made from.
+r"""Validation: a model compared with a record that it was not made from.
 
-Offset and initial state are estimated, everything else is the model's.  What the model leaves is tested for being
-white and independent of the input.  The error by frequency is what the input explains of the residual,
+Offset and initial state are estimated, everything else is the model's.  The residual is tested for being white and
+independent of the input.  The error by frequency is the transfer function from the input to the residual,
 :math:`E(i \omega) = \Phi_{eu} / \Phi_u`, over abs G; its standard deviation for M independent segments is
 :math:`\sqrt{(\Phi_e - |\Phi_{eu}|^2 / \Phi_u) / (M \Phi_u)}`.
 
@@ -34,15 +34,15 @@ from replant.verdict import assess_record
 from replant.verdict.estimate_distance import EXCITED, SEGMENT
 from replant.verdict.verdict import Verdict
 
-FEWEST_SEGMENTS = 8  # segments below which a spectrum tells nothing [count]
+FEWEST_SEGMENTS = 8  # fewest segments for a spectrum [count]
 CHANCE = 0.05  # how often the error of a right model exceeds its limit [share]
 # some million times the precision of float64
-ROUNDING = 1e-9  # residual below which it is rounding, which nothing is tested for [part of the output's spread]
+ROUNDING = 1e-9  # residual up to which it is rounding, and not tested [part of the output's spread]
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorByFrequency:
-    """What the input explains of the residual, over abs G, at the frequencies that the input excites.
+    """The transfer function from input to residual, over abs G, at the frequencies that the input excites.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class ErrorByFrequency:
     error : (F,) array
         Relative to abs G.
     limit : (F,) array
-        95 % limit of the error of a model that is right.
+        95 % limit of the error of a right model.
     """
 
     frequency: FloatArray
@@ -60,10 +60,10 @@ class ErrorByFrequency:
 
     @property
     def worst(self) -> float:
-        """Largest error that chance does not explain, relative to abs G; 0 where none is.
+        """Largest significant error, relative to abs G; 0 without one.
 
-        The largest of F errors of a right model exceeds the limit that each of them exceeds with the chance 0.05 / F in
-        one record of twenty.
+        An error is significant beyond the limit that it exceeds by chance with probability 0.05 / F, with F
+        frequencies: the largest error of a right model is so in one record of twenty.
         """
         beyond = self.error > self.limit * math.sqrt(1.0 + math.log(self.error.size) / -math.log(CHANCE))
         return float(self.error[beyond].max()) if beyond.any() else 0.0
@@ -71,30 +71,30 @@ class ErrorByFrequency:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Validation:
-    """A model beside a record that it was not made from.
+    """The comparison of a model with a record that it was not made from.
 
     Attributes
     ----------
     fit : float
         Simulated fit in percent: the model run from the input alone; of an unstable one that of its prediction.
     one_step : float
-        Fit in percent one step ahead: what is left is predicted from past residuals.
+        Fit in percent one step ahead: each residual is predicted from past ones.
     offset : float
         By how much the record's working point lies above the model's, in the unit of the output.
     output, residual : (K,) arrays
-        The model's output in absolute units, and the measured one less it; NaN where there is no measured output.
+        The model's output in absolute units, and measured minus model's output; NaN without a measured output.
     time : (K,) array
         In s.
     correlations : Correlations or None
-        Of the residual with itself and with the input; None where there are too few samples.
+        Of the residual with itself and with the input; None with too few samples.
     by_frequency : ErrorByFrequency or None
-        None on an irregular clock, and where there are too few samples.
+        None on an irregular clock, and with too few samples.
     verdict : Verdict
         On the model by this record alone.
     samples : int
         Samples with a measured output.
     is_prediction : bool
-        Whether ``output`` is predicted one step ahead, as of an unstable model.
+        Whether ``output`` is predicted one step ahead, as for an unstable model.
     outliers, stuck : int
         Outputs that were left out, as `replant.fit` does.
     """
@@ -115,7 +115,7 @@ class Validation:
 
     @property
     def how(self) -> str:
-        """In words what the output is made from."""
+        """How the output was made, in words."""
         return "predicted from input and past output" if self.is_prediction else "simulated from the input alone"
 
     @property
@@ -144,7 +144,7 @@ class Validation:
 def validate(
     model: ModelFields, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray | None, dt: float
 ) -> Validation:
-    """Return a model beside a record."""
+    """Return the comparison of a model with a record."""
     v = model.linear_input(u)
     y = np.where(screen(v, y)[0], y, np.nan)
     if r is not None:
@@ -161,7 +161,7 @@ def validate(
         enough = np.isfinite(y).sum() >= needed
         return model_output(g, v, y, dt, input_hold=model.input_hold, t=t) if enough else None
 
-    # what is bad is told with the model's output, and that has another level without it
+    # bad outputs are found with the model's output, whose level changes without them
     ends = in_turn(kept, suspicious(v, given), simulated, lambda run, _: doubts(v, given, run.output, noise))
     assert ends is not None, "the outputs as they came are enough"
     simulation, doubt = ends
@@ -194,7 +194,7 @@ def _verdict(
     rows = np.isfinite(v) & (np.isfinite(y) | np.isfinite(modelled))  # a model may leave float64
     intervals = np.array([dt]) if regular and rows.all() else np.diff(clock[rows], prepend=clock[rows][:1] - dt)
     measured, level = np.isfinite(y[rows]), float(y[np.isfinite(y)].mean())
-    # the constant beside G(s) is estimated from the record: its mean keeps the numbers small
+    # the constant in addition to G(s) is estimated from the record; without the mean the numbers are small
     record = Record(
         v[rows] - v[rows].mean(), np.where(measured, y[rows], modelled[rows]) - level, intervals, model.input_hold,
         None if r is None else r[rows], usual=math.inf if intervals.size == 1 else dt,
@@ -214,7 +214,7 @@ def _is_more_than_rounding(residual: FloatArray, y: FloatArray) -> bool:
 
 
 def _by_frequency(model: ModelFields, v: FloatArray, residual: FloatArray, dt: float) -> ErrorByFrequency | None:
-    """Return the error of a model by frequency; None for a record too short, or an input that rests."""
+    """Return the error of a model by frequency; None if the record is too short, or the input constant."""
     from scipy.signal import csd, welch
 
     segment = min(SEGMENT, v.size // FEWEST_SEGMENTS)
@@ -237,6 +237,6 @@ def _by_frequency(model: ModelFields, v: FloatArray, residual: FloatArray, dt: f
     segments = max(1.0, v.size / segment)
     omega, power, left, cross, gain = (each[excited] for each in (omega, power, left, cross, gain))
     noise = np.maximum(left - np.abs(cross) ** 2 / power, 0.0)
-    # abs E has two parts: of a right model, its square over the mean of its square is exponentially distributed
+    # E has two parts, real and imaginary: with a right model, the square of abs E is exponentially distributed
     limit = np.sqrt(-math.log(CHANCE) * noise / (segments * power))
     return ErrorByFrequency(omega, np.abs(cross) / power / gain, limit / gain)
