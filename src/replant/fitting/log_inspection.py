@@ -133,7 +133,7 @@ class Inspection:
 
     @property
     def delay(self) -> float | None:
-        """Lag at which the response seems to begin, in s; None where it is not known."""
+        """Lag at which the response seems to begin, in s; None if unknown."""
         if self.first is not None:
             return float(f"{self.first.delay:.2g}")
         if self.response is None or self.clock is None or math.isnan(self.clock.dt):

@@ -59,7 +59,7 @@ class RowModel(model_file.Written, RowFields):
         Working point: with the inputs there, the output rests at ``output_level``.
     output_level : float
     simulated_fit, one_step_fit : float
-        Fit in percent to the record that the model was made from; NaN where it is not known.
+        Fit in percent to the record that the model was made from; NaN if unknown.
     rejected : tuple of (str, int)
         How many samples were left out, by reason.
     verdict : Verdict

@@ -64,7 +64,7 @@ SAME = 0.99  # level of the test that estimates with and without the noise model
 
 
 def references_of(given: Any, samples: int) -> FloatArray | None:
-    """Return references as columns (K, p), checked; None where there are none."""
+    """Return references as columns (K, p), checked; None without any."""
     if given is None:
         return None
     columns, _ = accepted(np.asarray(array_of_reals("reference", given), np.float64))
@@ -110,7 +110,7 @@ def with_outside(
 
 
 def _moves(r: FloatArray, u: FloatArray, y: FloatArray) -> bool:
-    """Return whether a reference moves an input, of which it is no copy."""
+    """Return whether a reference moves an input without being a copy of it."""
     return bool(np.ptp(u) > 0.0 and not fault_of(r, u) and Reference.projected(r, u, y).strength > 1.0)
 
 

@@ -57,7 +57,7 @@ class Model(model_file.Written, ModelFields):
     input_name, output_name : str
         Names of the signals, with their units in brackets at the end.
     simulated_fit, one_step_fit : float
-        Fit in percent to the record that the model was made from; NaN where it is not known.
+        Fit in percent to the record that the model was made from; NaN if unknown.
     rejected : tuple of (str, int)
         How many samples were left out, by reason.
     verdict : Verdict

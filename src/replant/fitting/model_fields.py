@@ -47,7 +47,7 @@ class Provenance:
 
     method: str  # "srivc", "least_squares", or the optimizer of an identifier
     source: str = ""  # name of the log's file; empty for arrays and live samples
-    sha256: str = ""  # digest of that file in hexadecimal; empty where it is not known
+    sha256: str = ""  # digest of that file in hexadecimal; empty if unknown
     samples: int = 0  # that the model was made from
     version: str = field(default_factory=lambda: version("replant"))  # of replant
     # UTC in ISO 8601; two models that differ in nothing else are equal
@@ -295,7 +295,7 @@ def input_names_of(given: Any, count: int) -> tuple[str, ...]:
 
 
 def unnamed(count: int) -> tuple[str, ...]:
-    """Return the names of so many inputs that have none: u1, u2, ..."""
+    """Return names for so many unnamed inputs: u1, u2, ..."""
     return tuple(f"u{i}" for i in range(1, count + 1))
 
 

@@ -103,7 +103,7 @@ def holds_model(path: AnyPath) -> bool:
 
 
 def _looks_like_model(begin: bytes) -> bool:
-    return b'"schema_version"' in begin and b'"den"' in begin  # of each row, where there are several
+    return b'"schema_version"' in begin and b'"den"' in begin  # of each row if there are several
 
 
 def write(path: AnyPath, written: str) -> None:

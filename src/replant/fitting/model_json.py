@@ -191,7 +191,7 @@ def verdict_object(verdict: Verdict) -> dict[str, Any]:
 
 
 def finite(value: float) -> float | None:
-    """Return a figure for JSON: None where it is not finite."""
+    """Return a figure for JSON: None if it is not finite."""
     return value if math.isfinite(value) else None
 
 
@@ -286,7 +286,7 @@ def real(where: dict[str, Any], name: str) -> float:
 
 
 def perhaps(where: dict[str, Any], name: str) -> float:
-    """Return an entry that is a number; NaN where it is not known."""
+    """Return an entry that is a number; NaN if unknown."""
     return math.nan if where.get(name) is None else real(where, name)
 
 

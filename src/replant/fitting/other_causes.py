@@ -145,7 +145,7 @@ def _glitches(record: Record, zero: float) -> Supposed | None:
 
 
 def _drift(structure: Structure, record: Record) -> Supposed | None:
-    """Return the record without a straight line on its output; None where that explains little."""
+    """Return the record without a straight line on its output; None if that explains little."""
     t = np.cumsum(np.broadcast_to(record.intervals, record.u.shape))
     known = record.is_measured
     of_input, of_output = _line(t, record.u, np.ones_like(known)), _line(t, record.y, known)

@@ -45,7 +45,7 @@ class StepResponse(Shown):
         In s.
     output : (N,) array
     std : (N,) array or None
-        Standard deviation of the output; None where it is not known.
+        Standard deviation of the output; None if unknown.
     """
 
     time: FloatArray
@@ -96,7 +96,7 @@ class Bode(Shown):
     response : (F,) complex array
         G(i omega).
     relative_std, phase_std : (F,) array or None
-        Standard deviations of ln abs G and of the phase in rad; None where they are not known.
+        Standard deviations of ln abs G and of the phase in rad; None if unknown.
     """
 
     frequency: FloatArray
@@ -152,7 +152,7 @@ class PoleMap(Shown):
     modes : tuple of Mode
         The poles as frequency, damping and time constant, slowest first; one entry for a conjugate pair.
     uncertain : tuple of UncertainMode
-        The same with their standard deviations; empty where they are not known.
+        The same with their standard deviations; empty if unknown.
     """
 
     values: npt.NDArray[np.complex128]

@@ -128,12 +128,12 @@ class Samples:
 
     @property
     def inputs(self) -> Any:
-        """Raw inputs (K, q), where there are several."""
+        """Raw inputs: columns (K, q) of a log, others as given."""
         return np.column_stack([self.u, *(self.others[name] for name in self.more_inputs)]) if self.is_log else self.u
 
     @property
     def references(self) -> Any:
-        """One reference (K,), or columns (K, p) of several; None where there is none."""
+        """One reference (K,), or columns (K, p) of several; None without any."""
         if not self.more_references:
             return self.reference
         return np.column_stack([self.reference, *(self.others[name] for name in self.more_references)])

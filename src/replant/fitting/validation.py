@@ -122,7 +122,7 @@ class Validation:
     def outside(self) -> tuple[float, float]:
         """Part of the lags at which the residual's correlation with itself and with the input exceeds its 95 % limit.
 
-        About 0.05 each for a model that explains the record completely; NaN where there are too few samples.
+        About 0.05 each for a model that explains the record completely; NaN with too few samples.
         """
         return (math.nan, math.nan) if self.correlations is None else self.correlations.outside
 

@@ -28,7 +28,7 @@ from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.linear_algebra import combined, sum_of_squares
 from replant.numerics.projections import amounts_of, without
 
-SLOWEST = 0.01  # least distance of a filter's pole from the axis: to a hundredth an integrator [1 / duration]
+SLOWEST = 0.01  # least distance of a filter's pole from the axis: within 1 % of an integrator [1 / duration]
 
 SLOWEST_BY_REFERENCE = 5.0
 """Least distance of a filter's pole from the axis, of a record with a reference [1 / duration of the record].

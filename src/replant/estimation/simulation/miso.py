@@ -201,7 +201,7 @@ class Point:
 def evaluate(
     row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, *, pulled: bool = False
 ) -> Point:
-    """Return the point of a model; ``pulled`` takes phi of one denominator from the output, zeta from the model."""
+    """Return the point of a model; ``pulled``: phi along a common denominator is of the measured output, not zeta."""
     error, phi, zeta, residual, nuisances = [], [], [], [], []
     for number, stretch in enumerate(row.stretches):
         states = np.zeros(row.nuisances - 1) if before is None else before.nuisances[number][1:]

@@ -100,7 +100,7 @@ def odds_of(supposition: Supposition) -> float:
 
 
 def decided(claims: Sequence[Claim]) -> Claim | None:
-    """Return the claim of most evidence; None if it is not decided, or without claims."""
+    """Return the claim of most evidence; None if it does not win against all others, or without claims."""
     told = dict(zip(claims, weighed(claims), strict=True))
     found = max(claims, key=lambda claim: told[claim].evidence, default=None)
     if found is None or found.supposition is Supposition.CUT:
@@ -179,7 +179,7 @@ class Contest:
 
     @quiet
     def claims(self, *, again: bool = False) -> list[Claim]:
-        """Return the claims about the samples since; ``again``: only those of what an accepted change was."""
+        """Return the claims about the samples since; ``again``: only those of a change, which was accepted before."""
         if not is_long_enough(self.structure, self.since):
             return []
         found: list[Claim] = []
@@ -252,7 +252,7 @@ class Contest:
         return likelihood - before.of_other(self.known.error[rows], noise, offset)
 
     def _claim(self, supposition: Supposition, likelihood: float, numbers: int = 0, **parts: object) -> Claim:
-        """Return a claim with so many fitted numbers."""
+        """Return a claim with ``numbers`` fitted numbers."""
         price = numbers * self.stretch.price
         return Claim(supposition, self, likelihood, odds_of(supposition), price, **parts)  # type: ignore[arg-type]
 

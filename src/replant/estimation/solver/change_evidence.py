@@ -252,13 +252,13 @@ class Stretch:
         return max(tried, key=lambda each: each[0])
 
     def _columns(self, pieces: int) -> FloatArray:
-        """Return the basis (K, P) of the broken lines of so many pieces that end at zero."""
+        """Return the basis (K, P) of the broken lines of ``pieces`` pieces that end at zero."""
         time, ends = np.arange(self.measured.size) + 1.0, np.arange(1, pieces + 1) / max(pieces, 1)
         columns = np.maximum(ends - time[:, None] / self.measured.size, 0.0)
         return np.asarray(columns * self.measured[:, None])
 
     def _less_line(self, error: FloatArray, pieces: int, beside: FloatArray) -> FloatArray:
-        """Return a residual (K,) minus the line of so many pieces that fits it best together with the nuisances."""
+        """Return a residual (K,) minus the line of ``pieces`` pieces that fits it best together with the nuisances."""
         line = np.column_stack([beside, self._columns(pieces)])
         return np.asarray(error - combined(line, least_norm(line, error, WEAKEST)[0]))
 

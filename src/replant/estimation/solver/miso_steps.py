@@ -78,7 +78,7 @@ def path(
 
 @quiet
 def _improved(row: Row, noise: Autoregression, point: Point, damping: float) -> tuple[Point | None, float]:
-    """Return the point after a step that does not raise the cost, and the next damping; None where there is none."""
+    """Return the point after a step that does not raise the cost, and the next damping; None without one."""
     _, growth, tries = DAMPING
     matrix, vector = point.information, summed(point.phi, point.error)
     if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
@@ -323,7 +323,7 @@ def _without_numerators(row: Row, denominators: Sequence[npt.NDArray[Any]]) -> F
 
 
 def deals(items: Sequence[int], sizes: Sequence[int]) -> Iterator[tuple[tuple[int, ...], ...]]:
-    """Yield every way to deal items to hands of these sizes.
+    """Yield every way to deal items to groups of these sizes.
 
     >>> list(deals([0, 1, 2], [2, 1]))
     [((0, 1), (2,)), ((0, 2), (1,)), ((1, 2), (0,))]
