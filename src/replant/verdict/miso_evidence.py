@@ -56,8 +56,8 @@ def faults_of_output(seen: Sequence[Seen]) -> list[Finding]:
     return held_output_findings(*((each.acting.evidence, each.acting.runs) for each in seen))
 
 
-def faults_of_row(seen: Sequence[Seen]) -> Iterator[Finding]:
-    """Yield faults of the sensor, or else of actuators, and of holds, disturbances and plants, for each input."""
+def faults_of_row(seen: Sequence[Seen], *, in_time: bool = True) -> Iterator[Finding]:
+    """Yield faults of the sensor, or else of actuators, and of timing, disturbances and plants, for each input."""
     bends = [bends_of(each.acting) for each in seen]
     actuators, sensors = zip(*bends, strict=True) if bends else ((), ())
     # a missing pole of one input looks like a curve to the other ones: a fault of the sensor must be seen by all
@@ -70,7 +70,7 @@ def faults_of_row(seen: Sequence[Seen]) -> Iterator[Finding]:
         found = [
             *_of_timing(acting),
             *([] if bend is None or of_sensor else bend.findings),
-            *plant_findings(acting),
+            *plant_findings(acting, in_time=in_time),
         ]
         yield from (Finding(one.status, f"{each.subject}: {one.reason}") for one in found)
 

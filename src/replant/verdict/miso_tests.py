@@ -62,15 +62,14 @@ def judged(
         findings += _useless(row, point, noise, covariance)
         seen = seen_by_each(row, point, covariance)
         held = faults_of_output(seen)
-        named = [] if is_named or findings else list(faults_of_row(seen))
+        # an estimate that runs with the samples may be older than a change
+        outdated = [] if findings or is_of_record else list(_outdated(row, point, noise, covariance))
+        named = [] if is_named or findings else list(faults_of_row(seen, in_time=not outdated))
         others, is_named = [*held, *named, *others], is_named or any(_is_fault(each) for each in [*held, *named])
         # a named fault also lets other dynamics explain the residual: in feedback the input explains the noise
         general = general if is_named else [*lacking(row, point, noise), *general]
-    unsure = [] if findings or general else list(_unsure(row, point, covariance))
-    # an estimate that runs with the samples may be older than a change; from a wrong model all samples differ
-    if not (findings or general or is_named or is_of_record):
-        findings += _outdated(row, point, noise, covariance)
-    findings += unsure
+        unsure = [] if findings or general else list(_unsure(row, point, covariance))
+        findings += [*([] if findings or general or is_named else outdated), *unsure]  # from a wrong model all differ
     excited = not any(finding.status == "not excited" for finding in findings + others)
     # named faults come before general ones
     told = conclude(

@@ -47,7 +47,7 @@ from replant.numerics.levels import ALPHA, NEGLIGIBLE
 from replant.numerics.linear_algebra import chi2_quantile, combined, roots
 from replant.numerics.score_test import Residual
 from replant.verdict.alternatives import WAVES, Acting, half_periods, power_of
-from replant.verdict.estimate_distance import LARGEST_ERROR, excited_frequencies
+from replant.verdict.estimate_distance import CONTRADICTS, LARGEST_ERROR, excited_frequencies
 from replant.verdict.estimate_tests import FARTHEST
 from replant.verdict.evidence import Evidence, rounding_of
 from replant.verdict.verdict import Finding, percent
@@ -60,7 +60,7 @@ WAYS = "the plant acts otherwise on its way up than on its way down: G differs f
 TIMES = "the plant changes as the record goes on: G differs from the model by {} in the mean"
 
 
-def plant_findings(acting: Acting) -> list[Finding]:
+def plant_findings(acting: Acting, *, in_time: bool = True) -> list[Finding]:
     """Return findings if coefficients depend on level, direction or time, or if the plant has dry friction."""
     evidence, runs, rows = acting.evidence, acting.runs, acting.rows
     used = evidence.used[rows]
@@ -69,8 +69,8 @@ def plant_findings(acting: Acting) -> list[Finding]:
     path = Path.of(evidence, None if acting.loop.reference is None else acting.input)
     if path is None:
         return []
-    told = filter(None, (_of_levels(acting, path), _of_direction(acting, path), _of_time(acting, path)))
-    return _surest(acting, [each for each in told if each.findings]) + _of_friction(acting, path)
+    told = [_of_levels(acting, path), _of_direction(acting, path), *([_of_time(acting, path)] if in_time else [])]
+    return _surest(acting, [each for each in told if each is not None and each.findings]) + _of_friction(acting, path)
 
 
 def _surest(acting: Acting, told: list[Dependence]) -> list[Finding]:
@@ -184,7 +184,8 @@ class Dependence(NamedTuple):
     @property
     def findings(self) -> list[Finding]:
         """The finding on the change of G; none if it is negligible."""
-        if not self.far > math.sqrt(NEGLIGIBLE):
+        # a smaller change in time looks like noise that is not the same all along
+        if not self.far > (CONTRADICTS if self.on.at is None else math.sqrt(NEGLIGIBLE)):
             return []
         # a first-order result does not hold for a larger change
         reason = f"{self.on.reason.format(percent(min(self.far, 1.0)))}, where the input excites it"
