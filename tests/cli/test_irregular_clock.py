@@ -74,6 +74,7 @@ def test_a_person_reads_it(capsys, log: Path) -> None:
     assert re.search(r"Clock +irregular: 0\.0\d+ to 40\S* s between samples, usually 0\.05\S* s; 1 gap\b", out)
 
 
+@pytest.mark.slow
 def test_the_program_in_the_report_repeats_the_run(capsys, log: Path, tmp_path: Path) -> None:
     _, out, _ = call(capsys, "run", log, *OPTIONS, "--json")
     read = rp.read_log(log, input="u", output="y")

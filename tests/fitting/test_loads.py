@@ -69,6 +69,7 @@ def test_what_is_left_is_the_noise(seed: int) -> None:
     assert found.simulation.fit == pytest.approx(100.0 * (1.0 - np.nanstd(error) / y.std()), abs=0.2)
 
 
+@pytest.mark.slow
 @every("seed", range(6), quick=1)
 def test_the_end_of_a_run_finds_them_too_and_goes_on_from_there(seed: int) -> None:
     u, y = record(seed)

@@ -116,6 +116,7 @@ def pid(observer: Observer) -> int | None:
     return observer._process.process.pid if observer._alive else None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [2, pytest.param(10, marks=pytest.mark.slow)])
 def test_a_killed_observer_restarts_each_time_and_keeps_its_history(
     mortal: Observer, capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch, times: int

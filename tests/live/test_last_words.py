@@ -83,7 +83,8 @@ def retained(broker: Broker) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    "number", [signal.SIGKILL, signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+    "number",
+    [signal.SIGKILL, *(pytest.param(each, marks=pytest.mark.slow) for each in (signal.SIGTERM, signal.SIGINT))],
 )
 def test_a_session_that_is_over_is_not_trusted(
     broker: Broker, controller: Listener, rig: ReplayingPeer, number: signal.Signals
@@ -99,6 +100,7 @@ def test_a_session_that_is_over_is_not_trusted(
     assert (left["trusted"], left["excited"], left["ttl"], left["status"]) == (0, 0, 0.0, ENDED)
 
 
+@pytest.mark.slow
 def test_a_session_that_is_stopped_and_a_broker_that_was_away(
     broker: Broker, controller: Listener, rig: ReplayingPeer
 ) -> None:

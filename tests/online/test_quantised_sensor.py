@@ -86,7 +86,7 @@ def test_outliers_do_not_make_a_scale_finer() -> None:
 
 
 @every("scale", SCALES, quick=2)
-@pytest.mark.parametrize("fault", ["stuck", "off", "at its rail", "saturated"])
+@pytest.mark.parametrize("fault", ["stuck", "off", pytest.param("at its rail", marks=pytest.mark.slow), "saturated"])
 @pytest.mark.parametrize("name", ["slow", pytest.param("settles", marks=pytest.mark.slow)])
 def test_a_sensor_with_steps_that_fails_is_told_and_not_learned(name: str, fault: str, scale: str) -> None:
     """Not trusted two seconds after the first number that is clearly wrong, and the parameters hold within 1 %."""

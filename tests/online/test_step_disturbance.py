@@ -82,6 +82,7 @@ def test_with_time_stamps_it_is_the_same() -> None:
     assert stamped._state.last_time == 1e3 + DT * 1999.0
 
 
+@pytest.mark.slow
 def test_chunks_do_not_matter_to_it() -> None:
     (u, y), whole, _ = at_once()
     chunks = made("two poles")

@@ -101,6 +101,7 @@ def test_a_million_samples_load_alone(browser, long_report) -> None:
     page.close()
 
 
+@pytest.mark.slow
 def test_zooming_one_plot_zooms_its_linked_ones(browser, long_report, length: float) -> None:
     page = opened(browser, long_report)
     whole = page.evaluate(RANGES)

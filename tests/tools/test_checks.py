@@ -85,6 +85,7 @@ def test_each_fault_of_a_module_is_found(module: str, text: str, fault: str, tmp
     assert any(each.startswith(f"{module}: ") and fault in each for each in found), found
 
 
+@pytest.mark.slow
 def test_the_reader_of_imports_sees_every_kind() -> None:
     tree = ast.parse(
         "import numpy as np, scipy.signal\nfrom replant.kernels import schema as at\n"

@@ -165,6 +165,7 @@ def test_nothing_is_lost_by_a_reload_a_second_page_or_a_restart(browser, motor: 
         one.close()
 
 
+@pytest.mark.slow
 def test_hostile_names_and_values_stay_words(browser, tmp_path: Path) -> None:
     evil = "<img src=x onerror=document.title='owned'>"
     rows = "".join(f"{k},{k % 5},{k % 7 / 3},=cmd()\n" for k in range(400))

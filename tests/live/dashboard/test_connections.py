@@ -118,6 +118,7 @@ def test_a_client_that_sends_single_bytes_is_cut_off(hub: Hub, monkeypatch: pyte
         wait_for(is_cut_off)
 
 
+@pytest.mark.slow
 def test_an_answer_that_nobody_fetches_is_given_up(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
     hub.publish({"num": [1.0], "den": [1.0, 2.0], "names": ["x" * 50_000_000], "delay": 0.0})
     request = b"GET /model.json HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"

@@ -205,7 +205,7 @@ def test_the_output_of_a_model_that_would_run_away_is_predicted_as_by_a_fit(monk
     assert pieces.simulation.fit == pytest.approx(fitted.simulation.fit, abs=0.2)
 
 
-@pytest.mark.parametrize("at", [[100, 700], [1400]])
+@pytest.mark.parametrize("at", [[100, 700], pytest.param([1400], marks=pytest.mark.slow)])
 def test_inputs_that_were_misread_do_not_drive_the_second_pass(at: list[int]) -> None:
     u, y = record(1500)
     seen = u.copy()

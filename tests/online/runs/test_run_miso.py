@@ -28,6 +28,7 @@ def test_a_run_is_the_identifier_finished() -> None:
     assert found.fit == pytest.approx(rp.fit(U, Y, DT, **ASKED).fit, abs=0.1)
 
 
+@pytest.mark.slow
 def test_the_output_behind_a_load_is_that_of_the_load() -> None:
     u = toggling(6, samples=1000)
     y = noisy(6, row_of(u, FAST, SLOW)) + np.where(np.arange(1000) < 500, 0.0, 3.0)
