@@ -133,7 +133,7 @@ class TransferFunction:
         """G(0); infinite with a pole at the origin."""
         if self.den[-1] == 0.0:
             return math.inf if self.num[-1] != 0.0 else math.nan
-        return float(self.num[-1] / self.den[-1])
+        return float(self.num[-1] / self.den[-1]) + 0.0  # not -0
 
     @property
     def is_stable(self) -> bool:
