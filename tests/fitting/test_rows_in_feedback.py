@@ -86,6 +86,29 @@ def test_with_a_reference_faults_are_named_as_in_open_loop(fault: str) -> None:
     assert sum(words in reason for reason in reasons) >= 2, reasons
 
 
+@every("seed", [7, 9], quick=1)
+def test_of_a_short_record_the_known_inputs_give_starts_too(seed: int) -> None:
+    """From what the reference explains of the inputs alone the steps ended at poles of 1e12 rad/s, or a wrong gain."""
+    u, y, r = looped(seed, samples=400, snr=20.0, pole=0.8)
+    found = rp.fit(u, y, DT, **ASKED, reference=r)
+    assert found.parameters == pytest.approx(TRUE, rel=0.5)
+
+
+def test_an_input_whose_plant_changes_is_named_alone() -> None:
+    u, y, r = looped(2, snr=46.0, act=lambda u, k: (1.0 + k / SAMPLES) * u)
+    said = " ".join(rp.fit(u, y, DT, **ASKED, reference=r).verdict.reasons)
+    assert "input u1, beside the others: the plant changes as the record goes on" in said
+    assert "input u2, beside the others: the plant" not in said
+
+
+def test_of_an_input_at_rest_no_figure_is_given() -> None:
+    u, y, r = looped(0, snr=20.0)
+    u[:, 1] = 0.0
+    verdict = rp.fit(u, y, DT, **ASKED, reference=r).verdict
+    assert verdict.reasons[0] == "input u2 does not move: move it, or leave it out"
+    assert not any("nan" in reason for reason in verdict.reasons)
+
+
 def test_with_a_reference_a_missing_dead_time_is_named() -> None:
     u, y, r = looped(0, snr=20.0)
     u[:-3, 0] = u[3:, 0].copy()

@@ -224,7 +224,11 @@ def doubts_of(row: Row, ready: RowRecord, point: Point, noise: Autoregression) -
 def solve_row(row: Row, begins: list[Point], again: Begin) -> RowEstimate:
     """Return the estimate from some starts; ``again`` gives the starts with a noise model."""
     if row.outside is not None:
-        return _by_instruments(row, likeliest(row.from_outside, begins, again).ends)
+        # from the known inputs, too: the external parts of several inputs may be weak, or move together
+        known = row.over(row.record)
+        starts = started(known)
+        more = likeliest(known, starts(Autoregression.white(1.0, row.count)), starts).ends
+        return _by_instruments(row, (*likeliest(row.from_outside, begins, again).ends, *more))
     free, point, noise, rivals, _ = likeliest(row, begins, again)
     findings = tuple(controlled(row, point, noise))
     # with white noise the two are the same; in feedback the estimate without a noise model is the biased one

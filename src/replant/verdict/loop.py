@@ -84,7 +84,7 @@ def fault_of(r: FloatArray, u: FloatArray) -> str:
 class Reference:
     """What a reference explains of a record of K samples."""
 
-    states: FloatArray  # (K, 12): Laguerre functions of the reference, means subtracted
+    states: FloatArray  # (K, 12): Laguerre functions of each signal from outside, means subtracted
     input: FloatArray  # (K,): u_r, the part of the input that they explain, its mean subtracted
     output: FloatArray  # (K,): y_r, the same of the output
     strength: float = math.inf  # statistic of the part of the input that they explain, over its limit

@@ -1,8 +1,8 @@
 """A row reduced to each of its inputs, so that the tests of a plant with one input apply to each.
 
 The modelled outputs of the other inputs are subtracted from the output, y_i = y - sum of x_j, and their slopes join the
-offset and the initial states as nuisances.  A fault of input i, or of the plant behind it, is then found as for a plant
-with one input, see `input_faults` and `plant_faults`.
+offset and the initial states as nuisances, except in the test of the hold.  A fault of input i, or of the plant behind
+it, is then found as for a plant with one input, see `input_faults` and `plant_faults`.
 
 If references move inputs, modelled outputs and slopes are those by the signals from outside, which do not depend on the
 noise: each input is then tested as one input with a reference.
@@ -65,13 +65,9 @@ def faults_of_row(seen: Sequence[Seen], *, in_time: bool = True) -> Iterator[Fin
     is_surest = sensor is surest_of((sensor, *actuators))
     of_sensor = sensor.findings if sensor is not None and is_surest else []
     yield from of_sensor
-    for each, bend in zip(seen, actuators, strict=True):
-        acting = each.acting
-        found = [
-            *_of_timing(acting),
-            *([] if bend is None or of_sensor else bend.findings),
-            *plant_findings(acting, in_time=in_time),
-        ]
+    plants = plant_findings(*(each.acting for each in seen), in_time=in_time)
+    for each, bend, plant in zip(seen, actuators, plants, strict=True):
+        found = [*_of_timing(each.acting), *([] if bend is None or of_sensor else bend.findings), *plant]
         yield from (Finding(one.status, f"{each.subject}: {one.reason}") for one in found)
 
 

@@ -94,7 +94,8 @@ def _rest(row: Row) -> float:
 
 def untold(row: Row, record: Record, point: Point, covariance: FloatArray) -> list[Finding]:
     """Return findings on inputs that rest or move together, and on transfer functions that are not known well."""
-    return [*_at_rest(row), *_alike(row), *_uncertain(row, record, point, covariance)]
+    at_rest = list(_at_rest(row))  # the covariance of such an input is not known, nor is that of the others
+    return [*at_rest, *_alike(row), *([] if at_rest else _uncertain(row, record, point, covariance))]
 
 
 def _copied(row: Row) -> Iterator[Finding]:

@@ -60,29 +60,42 @@ WAYS = "the plant acts otherwise on its way up than on its way down: G differs f
 TIMES = "the plant changes as the record goes on: G differs from the model by {} in the mean"
 
 
-def plant_findings(acting: Acting, *, in_time: bool = True) -> list[Finding]:
-    """Return findings if coefficients depend on level, direction or time, or if the plant has dry friction."""
+def plant_findings(*inputs: Acting, in_time: bool = True) -> list[list[Finding]]:
+    """Return findings for each input if coefficients depend on level, direction or time, or on dry friction.
+
+    A plant behind one input that is not linear, or changes, looks like a change behind the others, too: of the
+    dependences on all inputs the most significant one counts.
+    """
+    found = [_of_plant(each, in_time=in_time) for each in inputs]
+    surest = max((told.statistic for told, _ in found if told is not None), default=0.0)
+    return [
+        [*(told.findings if told is not None and told.statistic == surest else []), *friction]
+        for told, friction in found
+    ]
+
+
+def _of_plant(acting: Acting, *, in_time: bool) -> tuple[Dependence | None, list[Finding]]:
+    """Return the most significant dependence that changes G, None without one, and findings on dry friction."""
     evidence, runs, rows = acting.evidence, acting.runs, acting.rows
     used = evidence.used[rows]
     if not acting.error[used].std() > rounding_of(runs.now.forced[rows], evidence.record.y[rows][used]):
-        return []  # rounding depends on the path, too
+        return None, []  # rounding depends on the path, too
     path = Path.of(evidence, None if acting.loop.reference is None else acting.input)
     if path is None:
-        return []
+        return None, []
     told = [_of_levels(acting, path), _of_direction(acting, path), *([_of_time(acting, path)] if in_time else [])]
-    return _surest(acting, [each for each in told if each is not None and each.findings]) + _of_friction(acting, path)
+    surest = _surest(acting, [each for each in told if each is not None and each.findings])
+    return surest, _of_friction(acting, path)
 
 
-def _surest(acting: Acting, told: list[Dependence]) -> list[Finding]:
-    """Return the findings on the dependence that is most significant beside the others, as they overlap."""
+def _surest(acting: Acting, told: list[Dependence]) -> Dependence | None:
+    """Return the dependence that is most significant beside the others, as they overlap; None if there is none."""
 
     def beside(one: Dependence) -> float:
         others = np.hstack([each.columns for each in told if each is not one])
         return acting.beyond_dynamics.knowing(others).explained(one.columns).statistic
 
-    if not told:
-        return []
-    return (max(told, key=beside) if told[1:] else told[0]).findings
+    return max(told, key=beside if told[1:] else lambda one: one.statistic, default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +192,7 @@ class Dependence(NamedTuple):
     columns: FloatArray  # (J, C): tested columns
     error: FloatArray  # (J,): minus the effect of the columns, if significant
     residual: Residual  # whitened by the noise of this error
+    statistic: float = 0.0  # over its limit
     far: float = 0.0  # lower bound of the relative change of G, of a slow one in the mean; 0 if not significant
 
     @property
@@ -194,7 +208,7 @@ class Dependence(NamedTuple):
 
 
 def _dependence(acting: Acting, path: Path, error: FloatArray, residual: Residual, on: Varying) -> Dependence | None:
-    """Test the residual of an error (J,) for coefficients that depend on a factor; None of too few samples."""
+    """Test the residual of an error (J,) for coefficients that depend on a factor; None if samples are too few."""
     both = zip(on.factors.T, on.factors.T if on.at_end is None else on.at_end.T, strict=True)
     columns = np.hstack([path.changes(*each, slow=on.at is None)[path.tested] for each in both])
     if residual.known.shape[1] + columns.shape[1] > error.size / PER_COEFFICIENT:
@@ -205,9 +219,10 @@ def _dependence(acting: Acting, path: Path, error: FloatArray, residual: Residua
     effect = residual.left_of(columns, found.weights)
     error, residual = error - effect, residual.beside(error, effect)
     found = residual.explained(columns)
-    if on.at is None:  # this part of the modelled output's power is the mean square of the change of G
+    if on.at is None:
+        # the mean square of the change of G, less what other dynamics and a drift may explain of its effect, too
         part = max(found.power - found.std, 0.0) / power_of(acting.evidence, acting.output[acting.rows])
-        return Dependence(on, columns, error, residual, math.sqrt(part))
+        return Dependence(on, columns, error, residual, found.statistic, math.sqrt(part))
     changes = path.changes_of_response(excited_frequencies(acting.evidence))
     changes[:, [0, path.a.size + 1]] *= on.slope
     # over the whole confidence region of the weights
@@ -216,7 +231,7 @@ def _dependence(acting: Acting, path: Path, error: FloatArray, residual: Residua
         made = np.kron(each, changes)
         size, doubt = np.abs(made @ found.weights), chance * np.linalg.norm(made @ found.roots, axis=1)
         far = max(far, float(np.max(size - doubt)))
-    return Dependence(on, columns, error, residual, far)
+    return Dependence(on, columns, error, residual, found.statistic, far)
 
 
 def _of_levels(acting: Acting, path: Path) -> Dependence | None:

@@ -226,7 +226,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *_fit(evidence, runs, loop, figures),
         *bend_findings(acting),
         *_unexplained(acting, figures),
-        *plant_findings(acting),
+        *plant_findings(acting)[0],
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
         *sensor_and_excitation.growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *sensor_and_excitation.burst_finding(evidence, runs),
