@@ -50,6 +50,7 @@ from replant.verdict.alternatives import WAVES, Acting, half_periods, power_of
 from replant.verdict.estimate_distance import CONTRADICTS, LARGEST_ERROR, excited_frequencies
 from replant.verdict.estimate_tests import FARTHEST
 from replant.verdict.evidence import Evidence, rounding_of
+from replant.verdict.loop import colour_left
 from replant.verdict.verdict import Finding, percent
 
 POWERS = (1, 2)  # powers of the operating point: odd for its sign, even for its distance from the mean [exponents]
@@ -220,6 +221,11 @@ def _dependence(acting: Acting, path: Path, error: FloatArray, residual: Residua
     error, residual = error - effect, residual.beside(error, effect)
     found = residual.explained(columns)
     if on.at is None:
+        evidence = acting.evidence
+        left = np.where(evidence.used[acting.rows], error, np.nan)
+        # colour that the noise model leaves widens the score: slow noise resembles a slow change
+        if not found.statistic > colour_left(left, evidence.past):
+            return Dependence(on, columns, error, residual)
         # the mean square of the change of G, less what other dynamics and a drift may explain of its effect, too
         part = max(found.power - found.std, 0.0) / power_of(acting.evidence, acting.output[acting.rows])
         return Dependence(on, columns, error, residual, found.statistic, math.sqrt(part))
