@@ -163,7 +163,9 @@ class Acting:
     def beyond_dynamics(self) -> Residual:
         """The residual, with other dynamics and a drift (or the rest of a subtracted one) projected out, too."""
         part = (np.arange(len(self.linear)) + 0.5) / len(self.linear)
-        return self.residual.knowing(np.hstack([self.linear, half_periods(part)]))
+        # in a loop the noise model does not explain the slowest disturbances, which the controller answers
+        waves = half_periods(part) if self.loop.is_closed else half_periods(part)[:, :1]
+        return self.residual.knowing(np.hstack([self.linear, waves]))
 
     def unexplained(self, *known: FloatArray) -> Explained:
         """Return what other dynamics, or the reference, could explain beside columns (J, C), as part of the output."""
