@@ -207,20 +207,11 @@ def excited_frequencies(evidence: Evidence, *, slowest: bool = False) -> FloatAr
     return np.asarray(omega[power >= EXCITED * power.max()])
 
 
-def output_spectrum(evidence: Evidence) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies (F,), in rad/s, that the record resolves, and the parts (F,) of the model's output power.
-
-    The sum of the parts is one.
-    """
-    omega, density = _input_spectrum(evidence)
-    power = _magnitude(evidence, evidence.estimate, omega) ** 2 * density
-    return omega, power / power.sum()
-
-
 def output_frequency(evidence: Evidence) -> float:
     """Return the mean frequency, in rad/s, of the power of the model's output, over the resolved frequencies."""
-    omega, parts = output_spectrum(evidence)
-    return float(omega @ parts)
+    omega, density = _input_spectrum(evidence)
+    power = _magnitude(evidence, evidence.estimate, omega) ** 2 * density
+    return float(omega @ (power / power.sum()))
 
 
 def _input_spectrum(evidence: Evidence) -> tuple[FloatArray, FloatArray]:
