@@ -31,9 +31,11 @@ def begun(**more: Any) -> Any:
     return rp.Identifier(**ASKED, dt=DT, **more)
 
 
-def record(seed: int, samples: int = SAMPLES, pole: float = 0.0) -> tuple[FloatArray, FloatArray]:
+def record(
+    seed: int, samples: int = SAMPLES, pole: float = 0.0, decibels: float = 10.0
+) -> tuple[FloatArray, FloatArray]:
     u = toggling(seed, samples=samples)
-    return u, noisy(seed, row_of(u, FAST, SLOW), pole)
+    return u, noisy(seed, row_of(u, FAST, SLOW), pole, decibels)
 
 
 def distance(found: Any, true: FloatArray = TRUE) -> float:
@@ -395,7 +397,7 @@ def test_an_input_that_moves_late_is_learned() -> None:
     """It is solved for at the next look, not when the record has grown by half."""
     u = toggling(1, samples=3500)
     u[:2000, 1] = 0.0
-    y, ident = noisy(1, row_of(u, FAST, SLOW), 0.9), begun()
+    y, ident = noisy(1, row_of(u, FAST, SLOW), 0.9, 20.0), begun()
     for part in (slice(0, 2600), slice(2600, 3500)):
         ident.update_many(u[part], y[part])
         assert ident.assess().status == "trusted"
@@ -545,7 +547,7 @@ def test_a_change_since_an_estimate_was_frozen_is_named() -> None:
 
 @every("seed", range(4), quick=1)
 def test_a_plant_that_does_not_change_has_not_changed(seed: int) -> None:
-    u, y = record(seed, 4000, pole=[0.0, 0.9][seed % 2])
+    u, y = record(seed, 4000, pole=[0.0, 0.9][seed % 2], decibels=[10.0, 20.0][seed % 2])
     ident = begun()
     for rows in np.array_split(np.arange(4000), 8)[2:]:
         ident.update_many(u[: rows[-1] + 1][ident.samples :], y[: rows[-1] + 1][ident.samples :])

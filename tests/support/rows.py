@@ -26,8 +26,8 @@ def row_of(u: FloatArray, *plant: rp.TransferFunction) -> FloatArray:
     return np.sum([g.simulate(column.copy(), DT) for g, column in zip(plant, u.T, strict=True)], axis=0)
 
 
-def noisy(seed: int, x: FloatArray, pole: float = 0.0) -> FloatArray:
-    """Add noise of 10 dB with a pole, and an offset."""
+def noisy(seed: int, x: FloatArray, pole: float = 0.0, decibels: float = 10.0) -> FloatArray:
+    """Add noise with a pole, and an offset."""
     white = np.random.default_rng([seed, 1]).standard_normal(x.size + 500)
     noise = np.convolve(white, pole ** np.arange(100.0))[500 : 500 + x.size]
-    return np.asarray(x + noise * x.std() / noise.std() * 10**-0.5 + 5.0)
+    return np.asarray(x + noise * x.std() / noise.std() * 10 ** (-decibels / 20.0) + 5.0)

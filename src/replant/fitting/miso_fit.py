@@ -186,7 +186,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
         *left_out(row, found.point, found.noise, rest),
         *left_out_finding(int((doubt == Doubt.STUCK).sum())),
     ]
-    verdict = judged(row, row.record, found.point, found.noise, found.covariance, found.findings, others)
+    verdict = judged(row, found.point, found.noise, found.covariance, found.findings, others)
     made = Provenance("srivc", given.source, given.sha256, row.count)
     output = vector("y", given.y)
     fitted = row_fit(solution, ready, output, ready.record.usual, verdict, made, rejected, given.output_name)

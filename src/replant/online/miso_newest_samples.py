@@ -53,7 +53,7 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
     # findings of the last solution take precedence: without a noise model inputs seem to answer a coloured error
     of_model = state.findings or faults(row, point, known.noise)
     findings: list[Finding] = []
-    if not row.is_stable(known.parameters):
+    if not row.is_stable(point.theta):
         findings.append(Finding("diverged", "an update has made a pole unstable: solve again, with finish, or reset"))
     if known.surprising:
         findings += guard_findings(0.0, False, known.surprising * state.settings.dt, False)
@@ -65,11 +65,12 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
     if state.record_began:
         findings.append(followed_finding(state.length * state.settings.dt))
     found = RowEstimate(point, known.noise, known.covariance, (*of_model, *findings))
-    verdict = judged(row, row.record, point, known.noise, known.covariance, of_model, findings, is_of_record=False)
+    verdict = judged(row, point, known.noise, known.covariance, of_model, findings, is_of_record=False)
     return Newest(ready, RowSolution(row, found, doubt), verdict)
 
 
 def _over(row: Row, known: RowRecursion) -> Point:
     """Return the estimate evaluated over a row."""
-    point = evaluate(row, known.parameters, known.noise)
-    return evaluate(row, known.parameters, known.noise, point)  # with the initial states of the first
+    theta = known.parameters_in(row)
+    point = evaluate(row, theta, known.noise)
+    return evaluate(row, theta, known.noise, point)  # with the initial states of the first

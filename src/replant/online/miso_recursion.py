@@ -26,6 +26,7 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import (
+    chi2_quantile,
     combined,
     compose,
     factor_covariance,
@@ -56,10 +57,10 @@ class Instruments:
 
     @classmethod
     def of(
-        cls, row: Row, stretch: Stretch, theta: FloatArray, states: FloatArray, columns: FloatArray
+        cls, row: Row, stretch: Stretch, theta: FloatArray, weights: FloatArray, columns: FloatArray
     ) -> Instruments | None:
         """Return the state after a record's last stretch, given its instruments (K, P + N); None without references."""
-        outside, models = row.outside, row.ended_outside(theta, stretch, states)
+        outside, models = row.outside, row.ended_outside(theta, stretch, weights)
         if outside is None or models is None:
             return None
         return cls(outside.law, outside.is_moved, models, outside.inputs[stretch.rows][0], _newest(columns))
@@ -69,7 +70,7 @@ class Instruments:
         u: FloatArray,
         r: FloatArray,
         coefficients: list[FloatArray],
-        states: FloatArray,
+        weights: FloatArray,
         intervals: FloatArray,
         free: FloatArray,
     ) -> tuple[Instruments, FloatArray]:
@@ -77,14 +78,14 @@ class Instruments:
         law, explained = self.law.follow(np.column_stack([r, u[:, ~self.is_moved]]))
         models, outside = self.models.copy(), with_moved(u, self.is_moved, explained)
         records = _records(outside - self.origin, intervals)
-        _, slopes, _ = models.run(coefficients, states, records, on=True)
+        _, slopes, _ = models.run(coefficients, weights, records, on=True)
         rows = np.vstack([self.tail, np.column_stack([*slopes, free])])
         return replace(self, law=law, models=models, tail=rows[-LAGS:].copy()), rows
 
-    def begun_at(self, u: FloatArray, coefficients: list[FloatArray], states: FloatArray) -> Instruments:
+    def begun_at(self, u: FloatArray, coefficients: list[FloatArray], weights: FloatArray) -> Instruments:
         """Return the state for a stretch that begins at inputs (q,)."""
         models = self.models.copy()
-        models.begin(coefficients, states)
+        models.begin(coefficients, weights)
         return replace(self, models=models, origin=u.copy())
 
 
@@ -92,9 +93,9 @@ class Instruments:
 class RowRecursion:
     """An estimate that follows the samples; `take` returns the next one."""
 
-    # the model of the filters: coefficients (P,); offset and initial states (N,)
+    # the model of the filters: coefficients (P,); constant and initial states (N,), see `Branches`
     theta: FloatArray
-    weights: FloatArray
+    nuisances: FloatArray
     noise: Autoregression
     dt: float  # usual interval in s
     size: float  # standard deviation of the output
@@ -119,10 +120,10 @@ class RowRecursion:
         """Return the recursion that continues after the last stretch of a record; ``level``: the output's mean."""
         point, stretch, theta = found.point, row.stretches[-1], found.point.theta
         weights = point.nuisances[-1]
-        outputs, slopes, free = row.signals(theta, stretch, weights[1:])
+        outputs, slopes, free = row.signals(theta, stretch, weights)
         columns = np.hstack([slopes, free])
         error = np.where(stretch.measured, stretch.y - outputs.sum(axis=1) - combined(free, weights), 0.0)
-        made = row.instruments(theta, stretch, weights[1:])
+        made = row.instruments(theta, stretch, weights)
         zeta = columns if made is None else np.hstack([made, free])
         white = row.whitened(found.noise, zeta, stretch)
         information = products(white, white)
@@ -137,11 +138,11 @@ class RowRecursion:
         return cls(
             theta, weights, found.noise, row.dt, float(np.std(row.record.y[row.record.is_measured])),
             point.power / max(row.count - columns.shape[1], 1), scale,
-            row.ended(theta, stretch, weights[1:]), row.inputs[stretch.rows][0], level, 0.0,
+            row.ended(theta, stretch, weights), row.inputs[stretch.rows][0], level, 0.0,
             tail, np.zeros(columns.shape[1]), factor, diagonal, np.array([known, row.count, 0, 0]),
             # the last: innovations as large as those of the newest samples raise no alarm
             np.array([point.cost, 0.0, _variance_of(point, stretch, newest)]),
-            Instruments.of(row, stretch, theta, weights[1:], zeta),
+            Instruments.of(row, stretch, theta, weights, zeta),
         )  # fmt: skip
 
     @property
@@ -153,6 +154,11 @@ class RowRecursion:
     def parameters(self) -> FloatArray:
         """The estimate (P,)."""
         return np.asarray(self.theta + self.delta[: self.theta.size])
+
+    def parameters_in(self, row: Row) -> FloatArray:
+        """Return the estimate (P,) for a row, with poles that lie beyond the axis by chance put on it."""
+        stable, moved = row.on_axis(self.parameters, lambda slope: self.covariance @ slope)
+        return stable if moved <= chi2_quantile(1.0 - ALPHA, 1) else self.parameters
 
     @property
     def harmless(self) -> float:
@@ -218,17 +224,16 @@ class RowRecursion:
         usual = np.abs(intervals - self.dt) <= JITTER * self.dt
         usual[0] &= not begins
         records = _records(u - self.origin, intervals)
-        outputs, slopes, free = models.run(self._coefficients, self.weights[1:], records, on=True)
-        error = np.where(measured, y - self.level, 0.0) - self.weights[0]
+        outputs, slopes, nuisances = models.run(self._coefficients, self.nuisances, records, on=True)
+        error = np.where(measured, y - self.level, 0.0)
         for each in outputs:
             error = error - each
-        nuisances = np.column_stack([np.ones(y.size), *free])
         rows = np.column_stack([*slopes, nuisances, np.where(measured, error, 0.0)])
         rows = np.vstack([self.tail, rows])
         instruments, zeta = self.instruments, np.zeros((0, self.delta.size))
         if instruments is not None:
-            states = self.weights[1:]
-            instruments, zeta = instruments.take(u, r, self._coefficients, states, intervals, nuisances)
+            given = self._coefficients, self.nuisances, intervals, nuisances
+            instruments, zeta = instruments.take(u, r, *given)
         new = replace(
             self, models=models, waits=max(float(left[-1]), 0.0), tail=rows[-LAGS:].copy(), delta=self.delta.copy(),
             factor=self.factor.copy(), diagonal=self.diagonal.copy(), counts=self.counts.copy(),
@@ -242,31 +247,40 @@ class RowRecursion:
         return new, int(alarm)
 
     @property
+    def slowest(self) -> int:
+        """The number of the branch with the slowest pole."""
+        return self.models.slowest(self._coefficients)
+
+    @property
     def _coefficients(self) -> list[FloatArray]:
         return np.split(self.theta, np.cumsum([each.size for each in self.structures])[:-1].tolist())
 
     def _begun_at(self, u: FloatArray) -> RowRecursion:
-        """Return the recursion at a new stretch from inputs (q,): offset and initial states are unknown."""
+        """Return the recursion at a new stretch from inputs (q,): constant and initial states are unknown."""
         pairs = zip(self.structures, self._coefficients, strict=True)
         gains = np.array([structure.transfer_function(theta).dc_gain for structure, theta in pairs])
-        moved, first = float(gains @ (u - self.origin)), self.theta.size
-        weights = np.zeros(self.weights.size)
-        weights[0] = self.weights[0] + self.delta[first] + (moved if np.isfinite(moved) else 0.0)
+        which, first = self.slowest, self.theta.size
+        # what the inputs' moves make behind the branch of the constant: its own by b0, which an integrator has, too
+        gains *= self._coefficients[which][self.structures[which].poles - 1]
+        gains[which] = self._coefficients[which][-1]
+        moved = float(gains @ (u - self.origin))
+        weights = np.zeros(self.nuisances.size)
+        weights[0] = self.nuisances[0] + self.delta[first] + (moved if np.isfinite(moved) else 0.0)
         models, still = self.models.copy(), Record(np.zeros(DYING), np.zeros(DYING), np.array([self.dt]))
-        _, _, free = models.run(self._coefficients, weights[1:], [still] * len(self.structures))
-        models.begin(self._coefficients, weights[1:])
-        sizes = np.concatenate([[1.0], *(np.abs(each).max(axis=0) for each in free)])
+        _, _, free = models.run(self._coefficients, weights, [still] * len(self.structures))
+        models.begin(self._coefficients, weights)
+        sizes = np.abs(free).max(axis=0)
         factor, diagonal = np.eye(self.delta.size), np.empty(self.delta.size)
         known = compose(self.factor, self.diagonal)[:first, :first]
         factor[:first, :first], diagonal[:first] = factor_covariance(known)
         deviations = DIFFUSE * self.size / np.where(sizes > 0.0, sizes, 1.0)
         diagonal[first:] = deviations**2 / max(self.variance, 1e-300)
-        delta = np.concatenate([self.delta[:first], np.zeros(self.weights.size)])
+        delta = np.concatenate([self.delta[:first], np.zeros(self.nuisances.size)])
         instruments = self.instruments
         if instruments is not None:
-            instruments = instruments.begun_at(u, self._coefficients, weights[1:])
+            instruments = instruments.begun_at(u, self._coefficients, weights)
         return replace(
-            self, weights=weights, models=models, origin=u.copy(), waits=-1.0, delta=delta, factor=factor,
+            self, nuisances=weights, models=models, origin=u.copy(), waits=-1.0, delta=delta, factor=factor,
             diagonal=diagonal, instruments=instruments,
         )  # fmt: skip
 

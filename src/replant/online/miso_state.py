@@ -35,7 +35,8 @@ from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_samples import REASONS, RowClock, RowHistory, RowSettings, Screened
-from replant.verdict.miso_tests import lacking, untold
+from replant.verdict.miso_certainty import unsure, untold
+from replant.verdict.miso_tests import lacking
 from replant.verdict.verdict import Finding
 
 # at each solution, and once in between
@@ -211,13 +212,16 @@ class RowState:
     def _looked(self) -> RowState:
         """Return the state after a test for a change, and after a solution with the change if there is one."""
         new = replace(self, look_at=self._next_look)
-        if self.references or not (self.adapts and np.isfinite(self.newest_rows[:, -2]).any()):
+        known = self.recursion
+        if known is None or not (self.adapts and np.isfinite(self.newest_rows[:, -2]).any()):
             return new
+        if self.references:  # in feedback the joint update may have gone astray
+            return new.solved() if known.surprising else new
         ready, row, _ = self.record(RECENT)
         doubt = suspected(ready.record, ready.inputs)
         if doubt.any():
             row = Row(row.structures, leaving_out(row.record, doubt), row.inputs, row.names)
-        change = find_change(row, self.parameters, self.judges)
+        change = find_change(row, known.parameters_in(row), self.judges)
         if change is None:
             return new._used_to(row)
         at = self.samples - ready.used.size + int(np.flatnonzero(ready.used)[change.begin])
@@ -242,7 +246,7 @@ class RowState:
         known = self.recursion
         if known is None or known.surprising < self.settings.startup or not row.stretches:
             return self
-        point = evaluate(row, known.parameters, known.noise)
+        point = evaluate(row, known.parameters_in(row), known.noise)
         used = known.used_to(point, row.stretches[-1], known.surprising)
         return replace(self, recursion=used, look_at=replace(self, recursion=used)._next_look)
 
@@ -265,9 +269,10 @@ class RowState:
         if row.count <= row.nuisances + self.settings.size:
             return new
         known, settings = self.recursion, self.settings
-        present = known if known is not None and row.is_stable(known.parameters) else None
+        present = None if known is None else known.parameters_in(row)
+        present = present if present is not None and row.is_stable(present) else None
         solve = partial(solve_with, settings.structures, ready, references, settings.input_names)
-        begins = Begins() if present is None else Begins(present.noise, (present.parameters, *self.rivals))
+        begins = Begins() if known is None or present is None else Begins(known.noise, (present, *self.rivals))
         afresh = afresh or present is None
         done = solve(partial(begins.afresh, also_white=True) if afresh else begins.there)
         is_asked = not afresh and self._has_told(2.0, self.started_at)
@@ -280,7 +285,7 @@ class RowState:
             done, afresh = solve(partial(begins.afresh, newest=newest)), True
         if afresh:
             new = replace(new, started_at=self.length, is_sure=_is_white(done[1]) and _is_settled(done[1]))
-        if RECENT < later <= settings.history and not _is_settled(done[1]):  # e.g. an input has not moved yet
+        if RECENT < later <= settings.history and not _is_known(done[1]):  # e.g. an input has not moved yet
             new = replace(new, solve_at=self.record_began + later)
         return new._with(*done)
 
@@ -355,8 +360,16 @@ def _is_settled(solution: RowSolution | None) -> bool:
     if solution is None:
         return False
     row, found, _ = solution
-    findings = [*found.findings, *untold(row, row.record, found.point, found.covariance)]
+    findings = [*found.findings, *untold(row, found.point, found.covariance)]
     return not (findings or any(lacking(row, found.point, found.noise)))
+
+
+def _is_known(solution: RowSolution | None) -> bool:
+    """Return whether a solution is settled, and each transfer function known well."""
+    if solution is None or not _is_settled(solution):
+        return False
+    row, found, _ = solution
+    return all(each.status == "trusted" for each in unsure(row, found.point, found.covariance))
 
 
 def _is_white(solution: RowSolution | None) -> bool:

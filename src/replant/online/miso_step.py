@@ -35,19 +35,20 @@ class RowStep:
         self._models, size = recursion.models.copy(), recursion.delta.size
         self._theta, self._dt = recursion.theta, recursion.dt
         self._origin, self._level = recursion.origin.tolist(), recursion.level
-        self._constant = float(recursion.weights[0])
         self._rows = np.vstack([np.empty((1, size + 1)), recursion.tail])  # the first sample shifts the oldest row out
         self._newest, self._error = self._rows[-1], np.empty(1)
         self._interval, self._usual = np.empty(1), np.empty(1, np.int64)
         self._branches: list[tuple[Any, ...]] = []
         self._u = [np.empty(1) for _ in self._origin]
-        slope, free = 0, recursion.theta.size + 1
-        for model, structure, u in zip(self._models.models, recursion.structures, self._u, strict=True):
+        slope, constant, slowest = 0, recursion.theta.size, recursion.slowest
+        free = constant + 1
+        for i, (model, structure, u) in enumerate(zip(self._models.models, recursion.structures, self._u, strict=True)):
             zeta, output = np.empty((1, model.entries)), np.empty(1)
-            given = *model.arrays, u, self._interval, False, zeta, output
+            given = *model.arrays, u, self._interval, i == slowest, zeta, output
             parts = (
                 (self._newest[slope : slope + structure.size], zeta[0, : structure.coefficients]),
                 (self._newest[free : free + structure.poles], zeta[0, -structure.poles :]),
+                *(i == slowest) * ((self._newest[constant : constant + 1], zeta[0, structure.coefficients :][:1]),),
             )
             self._branches.append((given, output, parts))
             slope, free = slope + structure.size, free + structure.poles
@@ -68,14 +69,14 @@ class RowStep:
         """Take a finite sample; return its error, and whether it raises an alarm."""
         self._rows[:-1] = self._rows[1:]
         self._interval[0], self._usual[0] = interval, abs(interval - self._dt) <= JITTER * self._dt
-        error = (y - self._level) - self._constant
+        error = y - self._level
         for place, value, origin, (given, output, parts) in zip(self._u, u, self._origin, self._branches, strict=True):
             place[0] = value - origin
             self._branch(*given)
             for into, of in parts:
                 into[:] = of
             error -= output.item()
-        self._newest[self._theta.size], self._newest[-1] = 1.0, error
+        self._newest[-1] = error
         estimate = np.empty((1, self._theta.size))  # a new array, as another thread may read the one before
         is_alarm = self._learn(*self._before, estimate, self._work) < 1.0
         self._estimate = estimate

@@ -85,10 +85,10 @@ def _seen_by(row: Row, driven: Row, point: Point, covariance: FloatArray, number
     ``driven`` is the row driven by the signals from outside alone, whose outputs and slopes are free of the noise.
     """
     stretch, nuisances, places = row.stretches[which], point.nuisances[which], row.places[number]
-    outputs, slopes, free = row.signals(point.theta, stretch, nuisances[1:])
+    outputs, slopes, free = row.signals(point.theta, stretch, nuisances)
     left = stretch.y - np.delete(outputs, number, axis=1).sum(axis=1)
     if row.outside is not None:
-        outputs, slopes, _ = driven.signals(point.theta, driven.stretches[which], nuisances[1:])
+        outputs, slopes, _ = driven.signals(point.theta, driven.stretches[which], nuisances)
     whole = replace(
         row.record.part(stretch.rows),
         u=stretch.inputs[number].u,

@@ -22,11 +22,11 @@ from replant.estimation.solver.miso_steps import STEPS, refine
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, LARGEST_PART, NEGLIGIBLE
-from replant.numerics.linear_algebra import chi2_quantile, inner, products, roots
+from replant.numerics.linear_algebra import chi2_quantile, inner, products
 from replant.numerics.projections import lengths_of, weights_by, widening, without
 from replant.verdict.estimate_tests import FARTHEST
-from replant.verdict.evidence import relative_size
 from replant.verdict.input_faults import EARLY, later, timing_finding
+from replant.verdict.miso_certainty import relative_sizes
 from replant.verdict.miso_tests import is_rounding, of_filters, power_of_row
 from replant.verdict.verdict import Finding, percent
 
@@ -95,7 +95,7 @@ def _direct(row: Row, point: Point, noise: Autoregression, number: int) -> Itera
         return row.inputs[stretch.rows, number][:, None]
 
     _, _, steps = _beside(row, point, noise, own)
-    size = _sizes(row, point, steps[0])[number]
+    size = relative_sizes(row, point, steps[0])[number]
     if size > FARTHEST:
         reason = f"input {row.names[number]} {LATE}; with a direct path a coefficient differs by {percent(size)}"
         yield Finding("inconsistent", f"{reason}: {MOVED_UP}")
@@ -112,7 +112,7 @@ def timing(row: Row, point: Point) -> Iterator[Finding]:
     timed, after = _told(row, before, *_retimed(row, before, white))
     if timed is row or _is_of_other_dynamics(row, point, timed, after):
         return
-    sizes = _sizes(row, before, after.theta - point.theta)
+    sizes = relative_sizes(row, before, after.theta - point.theta)
     for name, old, new, size in zip(row.names, row.structures, timed.structures, sizes, strict=True):
         if new.delay != old.delay and size > FARTHEST:
             off = new.delay - old.delay
@@ -125,7 +125,7 @@ def _early(row: Row, point: Point) -> Iterator[Finding]:
     point = evaluate(row, point.theta, noise, point)
     weights, statistics, steps = _beside(row, point, noise, _later_of(row, point))
     for i in np.flatnonzero(statistics > 1.0).tolist():
-        delay, off, size = row.structures[i].delay, float(weights[i]) * row.dt, _sizes(row, point, steps[i])[i]
+        delay, off, size = row.structures[i].delay, float(weights[i]) * row.dt, relative_sizes(row, point, steps[i])[i]
         if delay + off <= -EARLY * row.dt and size > FARTHEST:
             yield from timing_finding(f"input {row.names[i]}", delay, off, row.dt, size, "inconsistent", MOVED_UP)
 
@@ -218,15 +218,3 @@ def _beside(
         statistics[i] = amount**2 / max(variance * wider * limit, 1e-300)
         weights[i] = amount / length
     return weights, statistics, [-taken[:, i] * weights[i] for i in range(weights.size)]
-
-
-def _sizes(row: Row, point: Point, step: FloatArray) -> list[float]:
-    """Return the largest relative change of a coefficient by a step (P,) for each input, see `relative_size`."""
-    runs = [row.signals(point.theta, stretch) for stretch in row.stretches]
-    outputs, slopes = (np.concatenate([run[part] for run in runs]) for part in (0, 1))
-    sizes = []
-    for structure, rows, output in zip(row.structures, row.places, outputs.T, strict=True):
-        magnitudes = np.abs(roots(np.concatenate([[1.0], point.theta[rows][structure.denominator]])))
-        speeds = np.maximum(magnitudes, 1.0 / row.record.span)
-        sizes.append(relative_size(step[rows], speeds, slopes[:, rows][:, structure.numerator], output))
-    return sizes

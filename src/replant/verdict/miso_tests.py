@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
 from replant.estimation.simulation.miso import Point, Row, evaluate
 from replant.estimation.solver.miso_steps import refine, start_without
-from replant.estimation.solver.refined_estimate import relative_uncertainty
 from replant.model.structure import Structure
-from replant.model.uncertainty import cancelled_pole, dc_gain_slope
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.levels import ALPHA, MATTERS, ROUNDING
+from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import (
     chi2_quantile,
     combined,
-    inner,
     inverse_of,
-    least_norm,
     products,
     sum_of_squares,
 )
-from replant.numerics.projections import WEAKEST, orthogonal, widening, without
-from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
-from replant.verdict.evidence import COPY_OF, FEWEST, RESTED, is_copy, moving, rounding_of
+from replant.numerics.projections import orthogonal, widening, without
+from replant.verdict.evidence import COPY_OF, FEWEST, RESTED, STANDS_STILL, is_copy, moving, rounding_of
 from replant.verdict.loop import Reference
+from replant.verdict.miso_certainty import unsure, untold
 from replant.verdict.miso_evidence import faults_of_output, faults_of_row, seen_by_each
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, figure, percent
 
@@ -44,7 +38,6 @@ FILTERS = 8  # first-order filters of each input whose outputs test its transfer
 
 def judged(
     row: Row,
-    record: Record,
     point: Point,
     noise: Autoregression,
     covariance: FloatArray,
@@ -57,7 +50,7 @@ def judged(
     others, general = [*faults, *others], [finding for finding in faults if finding.reason == GIVEN_UP]
     others = [finding for finding in others if finding.reason != GIVEN_UP]
     is_named = any(_is_fault(each) for each in faults if each.reason != GIVEN_UP)
-    findings = [*_copied(row), *untold(row, record, point, covariance)]
+    findings = list(_still(row)) or [*_copied(row), *untold(row, point, covariance)]
     if not findings:
         findings += _useless(row, point, noise, covariance)
         seen = seen_by_each(row, point, covariance)
@@ -68,8 +61,8 @@ def judged(
         others, is_named = [*held, *named, *others], is_named or any(_is_fault(each) for each in [*held, *named])
         # a named fault also lets other dynamics explain the residual: in feedback the input explains the noise
         general = general if is_named else [*lacking(row, point, noise), *general]
-        unsure = [] if findings or general else list(_unsure(row, point, covariance))
-        findings += [*([] if findings or general or is_named else outdated), *unsure]  # from a wrong model all differ
+        known = [] if findings or general else list(unsure(row, point, covariance))
+        findings += [*([] if findings or general or is_named else outdated), *known]  # from a wrong model all differ
     excited = not any(finding.status == "not excited" for finding in findings + others)
     # named faults come before general ones
     told = conclude(
@@ -92,10 +85,10 @@ def _rest(row: Row) -> float:
     return row.record.last(rest).span if rest >= min(RESTED, len(row.inputs) // 4) else 0.0
 
 
-def untold(row: Row, record: Record, point: Point, covariance: FloatArray) -> list[Finding]:
-    """Return findings on inputs that rest or move together, and on transfer functions that are not known well."""
-    at_rest = list(_at_rest(row))  # the covariance of such an input is not known, nor is that of the others
-    return [*at_rest, *_alike(row), *([] if at_rest else _uncertain(row, record, point, covariance))]
+def _still(row: Row) -> Iterator[Finding]:
+    """Yield a finding if the output is constant."""
+    if not np.ptp(row.record.y[row.record.is_measured]) > 0.0:
+        yield Finding("inconsistent", STANDS_STILL.format(f"the last {duration(row.record.span)}"))
 
 
 def _copied(row: Row) -> Iterator[Finding]:
@@ -115,102 +108,6 @@ def _copied(row: Row) -> Iterator[Finding]:
             "controller makes it of the output alone; move its set-point, and give it as the reference, or leave the "
             "input out",
         )
-
-
-def _at_rest(row: Row) -> Iterator[Finding]:
-    for i in range(len(row.structures)):
-        if not any(np.ptp(stretch.inputs[i].u) > 0.0 for stretch in row.stretches):
-            yield Finding("not excited", f"input {row.names[i]} does not move: move it, or leave it out")
-
-
-def _alike(row: Row) -> Iterator[Finding]:
-    """Yield pairs of inputs that are one signal, scaled: different structures separate them, the samples do not."""
-    signals = np.concatenate([row.inputs[each.rows] - row.inputs[each.rows].mean(axis=0) for each in row.stretches])
-    powers = np.sum(signals**2, axis=0)
-    for i, j in itertools.combinations(np.flatnonzero(powers > 0.0).tolist(), 2):
-        apart = signals[:, j] - signals[:, i] * inner(signals[:, i], signals[:, j]) / powers[i]
-        if sum_of_squares(apart) <= ROUNDING * powers[j]:
-            yield Finding(
-                "not excited",
-                f"inputs {row.names[i]} and {row.names[j]} move together as one signal: what one of them does is not "
-                "told from what the other does; move one of them alone, or leave it out",
-            )
-
-
-def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -> Iterator[Finding]:
-    """Yield findings on inputs that move together, and on other transfer functions that are not known well."""
-    places, phi, blamed = row.places, np.concatenate(point.phi), set()
-    slopes = np.zeros((len(places), point.theta.size))  # of the gains b0/a0
-    for number, (structure, rows) in enumerate(zip(row.structures, places, strict=True)):
-        slopes[number, rows] = dc_gain_slope(structure, point.theta[rows])
-    gains = slopes @ covariance @ slopes.T
-    std = np.sqrt(np.maximum(np.diag(gains), 0.0))
-    each = zip(row.structures, row.branches(point.theta), strict=True)
-    sizes = [abs(theta[-1] / theta[structure.poles - 1]) for structure, theta in each]
-    for i, j in itertools.combinations(range(len(places)), 2):
-        if not std[i] * std[j] > 0.0:
-            continue
-        correlation = min(abs(gains[i, j]) / (std[i] * std[j]), 1.0)
-        alone = math.sqrt(1.0 - correlation**2)  # factor on a deviation if the other gain were known
-        # most of the variance comes from the other gain, and is what makes this one uncertain
-        if alone**2 < 0.5 and any(alone * std[k] <= MOST_UNCERTAIN * sizes[k] < std[k] for k in (i, j)):
-            blamed |= {i, j}
-            yield Finding(
-                "converging",
-                f"inputs {row.names[i]} and {row.names[j]} move together: their gains correlate by {correlation:.3f}, "
-                "and only a sum of them is known; move one of them alone",
-            )
-    for i, (structure, rows) in enumerate(zip(row.structures, places, strict=True)):
-        of_it = replace(record, y=record.y, before=None)
-        part = relative_uncertainty(structure, point.theta[rows], covariance[rows, rows], phi[:, rows], of_it)
-        if i not in blamed and not part <= MOST_UNCERTAIN:
-            yield _cancelled(row, i, point.theta[rows], covariance[rows, rows]) or Finding(
-                "converging",
-                f"input {row.names[i]}: a coefficient is known to {percent(part)} only; move the input more, or record "
-                "more",
-            )
-
-
-def _cancelled(
-    row: Row, number: int, theta: FloatArray, covariance: FloatArray, status: str = "converging"
-) -> Finding | None:
-    """Return a finding if a zero may cancel a pole of an input; else None."""
-    pole = cancelled_pole(row.structures[number], theta, covariance)
-    if pole is None:
-        return None
-    reason = f"input {row.names[number]}: a zero may cancel the pole near {pole.real + 0.0:.3g}"  # not -0
-    return Finding(status, f"{reason}: ask for one pole and zero fewer of it")
-
-
-def _unsure(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]:
-    """Yield poles that a zero may cancel, or else that the modelled output is too uncertain."""
-    made, largest = _scatter(row.from_outside, point, covariance)
-    # if the modelled output is known well, a pole that may be cancelled does not prevent trust
-    status = "trusted" if made <= MINOR_SCATTER else "converging"
-    found = [_cancelled(row, i, point.theta[rows], covariance[rows, rows], status) for i, rows in enumerate(row.places)]
-    yield from filter(None, found)
-    if not any(found) and not made <= MOST_SCATTER:
-        yield Finding(
-            "converging",
-            f"input {row.names[largest]}: the uncertainty of its transfer function amounts to {percent(made)} of the "
-            "modelled output; move the input more, or record more",
-        )
-
-
-def _scatter(row: Row, point: Point, covariance: FloatArray) -> tuple[float, int]:
-    """Return the relative standard deviation of the modelled output by the estimate's error, and the worst input."""
-    runs = []
-    for stretch, nuisances in zip(row.stretches, point.nuisances, strict=True):
-        signals = row.signals(point.theta, stretch, nuisances[1:])
-        output, slopes, free = (signal[stretch.measured] for signal in signals)
-        # offset and initial states are estimated with each model
-        runs.append((output, slopes - combined(free, least_norm(free, slopes, WEAKEST)[0])))
-    outputs, slopes = (np.concatenate(each) for each in zip(*runs, strict=True))
-    slopes = slopes - slopes.mean(axis=0)
-    spread, made = products(slopes, slopes) / (len(slopes) - 1), float(outputs.sum(axis=1).std())
-    parts = [float(np.trace(covariance[rows, rows] @ spread[rows, rows])) for rows in row.places]
-    whole = math.sqrt(max(float(np.trace(covariance @ spread)), 0.0))
-    return whole / made if made > 0.0 else math.inf, int(np.argmax(parts))
 
 
 def _outdated(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
@@ -396,4 +293,4 @@ def is_rounding(row: Row, point: Point) -> bool:
         np.concatenate([each[stretch.measured] for each, stretch in zip(signals, row.stretches, strict=True)])
         for signals in ([stretch.y for stretch in row.stretches], point.residual)
     )
-    return not float(error.std()) > rounding_of(output - error, output)
+    return not float(error.std()) > rounding_of(output - error, output) or not np.ptp(output) > 0.0

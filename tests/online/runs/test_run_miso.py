@@ -13,25 +13,26 @@ from support.rows import ASKED, DT, FAST, SLOW, noisy, row_of, toggling
 
 U = toggling(5, samples=800)
 Y = noisy(5, row_of(U, FAST, SLOW))
+CLEAR = noisy(5, row_of(U, FAST, SLOW), decibels=20.0)  # the slow input is told within the record
 PLANT = (2.0, 1.0), (0.2, 0.4)  # gain and pole of each input
 
 
 def test_a_run_is_the_identifier_finished() -> None:
-    found = rp.run(U, Y, DT, **ASKED)
+    found = rp.run(U, CLEAR, DT, **ASKED)
     ident = rp.Identifier(**ASKED, dt=DT, startup=120)
-    ident.update_many(U, Y)
+    ident.update_many(U, CLEAR)
     ident.finish()
     assert isinstance(found, rp.RowFit)
     np.testing.assert_array_equal(found.parameters, ident.parameters)
     assert found.verdict.status == "trusted"
     assert found.output.shape == Y.shape
-    assert found.fit == pytest.approx(rp.fit(U, Y, DT, **ASKED).fit, abs=0.1)
+    assert found.fit == pytest.approx(rp.fit(U, CLEAR, DT, **ASKED).fit, abs=0.1)
 
 
 @pytest.mark.slow
 def test_the_output_behind_a_load_is_that_of_the_load() -> None:
     u = toggling(6, samples=1000)
-    y = noisy(6, row_of(u, FAST, SLOW)) + np.where(np.arange(1000) < 500, 0.0, 3.0)
+    y = noisy(6, row_of(u, FAST, SLOW), decibels=14.0) + np.where(np.arange(1000) < 500, 0.0, 3.0)
     u[100:150:2], y[300:350:2] = np.nan, np.inf  # samples that are turned away
     found = rp.run(u, y, DT, **ASKED)
     assert found.verdict.status == "trusted"
@@ -69,7 +70,7 @@ def test_another_column_is_named_as_by_fit() -> None:
     found, fitted = rp.run(log, **ASKED), rp.fit(log, **ASKED)
     assert "column u3 could explain a further" in " ".join(found.verdict.reasons)
     assert found.verdict.status == fitted.verdict.status == "inconsistent"
-    alone = rp.Log(U[:, 0].copy(), Y, DT, others={"u2": U[:, 1].copy(), "u3": third}, more_inputs=("u2",))
+    alone = rp.Log(U[:, 0].copy(), CLEAR, DT, others={"u2": U[:, 1].copy(), "u3": third}, more_inputs=("u2",))
     assert rp.run(alone, **ASKED).verdict.status == "trusted"
 
 

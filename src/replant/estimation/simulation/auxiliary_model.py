@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -25,7 +25,7 @@ from replant.estimation.filters import RefinedFilter
 from replant.kernels.schema import STATE_ARRAYS
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.numerics.linear_algebra import combined, sum_of_squares
+from replant.numerics.linear_algebra import combined, roots, sum_of_squares
 from replant.numerics.projections import amounts_of, without
 
 SLOWEST = 0.01  # least distance of a filter's pole from the axis: within 1 % of an integrator [1 / duration]
@@ -214,7 +214,11 @@ class AuxiliaryModel:
 
 
 class Branches:
-    """Runs B_i/A_i over the inputs of a record, from rest, or from the end of the last run."""
+    """Runs B_i/A_i over the inputs of a record, from rest, or from the end of the last run.
+
+    Weights (N,) are those of the nuisances: a constant at the input of the branch with the slowest pole, then the
+    initial states of each branch.  Behind a pole at 0 a constant makes a ramp, behind others an offset of the output.
+    """
 
     def __init__(self, structures: tuple[Structure, ...], dt: float, input_hold: str = "zoh") -> None:
         self.structures = structures
@@ -222,9 +226,14 @@ class Branches:
         ends = np.cumsum([0, *(each.poles for each in structures)]).tolist()
         self._states = [slice(begin, end) for begin, end in pairwise(ends)]
 
-    def of_each(self, states: FloatArray) -> list[FloatArray]:
+    def _of_each(self, weights: FloatArray) -> list[FloatArray]:
         """Return the initial states of each branch."""
-        return [states[rows] for rows in self._states]
+        return [weights[1:][rows] for rows in self._states]
+
+    def slowest(self, coefficients: Sequence[FloatArray]) -> int:
+        """Return the number of the branch with the slowest pole."""
+        pairs = zip(self.structures, coefficients, strict=True)
+        return int(np.argmax([float(roots(np.append(1.0, b[s.denominator])).real.max()) for s, b in pairs]))
 
     def copy(self) -> Branches:
         """Return an independent copy in the same state."""
@@ -246,29 +255,40 @@ class Branches:
         return bool(((kept >= 0) & (kept < KEPT) & (kept == np.rint(kept))).all())
 
     def run(
-        self, coefficients: Sequence[FloatArray], states: FloatArray, records: Sequence[Record], *, on: bool = False
-    ) -> tuple[list[FloatArray], list[FloatArray], list[FloatArray]]:
-        """Return for each branch the output (K,) including its initial state's, the slopes and the free responses."""
-        outputs, slopes, free = [], [], []
-        for model, structure, theta, record in self._each(coefficients, states, records):
-            rows, output = model.branch_on(record) if on else model.branch(theta, record)
+        self, coefficients: Sequence[FloatArray], weights: FloatArray, records: Sequence[Record], *, on: bool = False
+    ) -> tuple[list[FloatArray], list[FloatArray], FloatArray]:
+        """Return output (K,) and slopes of each branch, with the part of its nuisances, and the nuisances (K, N)."""
+        outputs, slopes, free, slowest = [], [], [np.empty(0)], self.slowest(coefficients)
+        entries = self._entries(coefficients, weights, slowest)
+        for i, (model, theta, record) in enumerate(zip(self.models, entries, records, strict=True)):
+            structure, constant = self.structures[i], i == slowest
+            run = model.branch_on(record, constant=constant) if on else model.branch(theta, record, constant=constant)
+            rows, output = run
             outputs.append(output)
             slopes.append(rows[:, : structure.coefficients])
             free.append(rows[:, -structure.poles :])
-        return outputs, slopes, free
+            if constant:
+                free[0] = rows[:, structure.coefficients]
+        return outputs, slopes, np.column_stack(free)
 
-    def begin(self, coefficients: Sequence[FloatArray], states: FloatArray) -> None:
+    def parts(self, coefficients: Sequence[FloatArray], weights: FloatArray, nuisances: FloatArray) -> list[FloatArray]:
+        """Return the part (K,) of the nuisances (K, N) in the output of each branch."""
+        states, free = self._of_each(weights), [nuisances[:, 1:][:, rows] for rows in self._states]
+        made = [combined(columns, state) for columns, state in zip(free, states, strict=True)]
+        made[self.slowest(coefficients)] += weights[0] * nuisances[:, 0]
+        return made
+
+    def begin(self, coefficients: Sequence[FloatArray], weights: FloatArray) -> None:
         """Put the branches at rest, so that a run with ``on`` begins at rest."""
-        for model, _, theta, _ in self._each(coefficients, states, self.structures):
+        for model, theta in zip(
+            self.models, self._entries(coefficients, weights, self.slowest(coefficients)), strict=True
+        ):
             model.begin(theta)
 
-    def _each(
-        self, coefficients: Sequence[FloatArray], states: FloatArray, given: Sequence[Any]
-    ) -> Iterator[tuple[Any, ...]]:
-        """Yield for each branch its model, structure, entries of the model, and its item of ``given``."""
-        parts = zip(coefficients, self.of_each(states), strict=True)
-        entries = [np.concatenate([theta, [0.0], state]) for theta, state in parts]
-        return zip(self.models, self.structures, entries, given, strict=True)
+    def _entries(self, coefficients: Sequence[FloatArray], weights: FloatArray, slowest: int) -> list[FloatArray]:
+        """Return the entries of each model: coefficients, constant, initial states."""
+        parts = enumerate(zip(coefficients, self._of_each(weights), strict=True))
+        return [np.concatenate([theta, weights[:1] * (i == slowest), state]) for i, (theta, state) in parts]
 
 
 def _of_parts(runs: list[Pass], nuisances: list[int], most: int) -> Pass:

@@ -10,7 +10,7 @@ The instruments zeta are the slopes themselves or, if references move inputs, th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,9 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import combined, products, quiet, roots, sum_of_squares
 from replant.numerics.projections import lengths_of, orthogonal
+
+NEAR_AXIS = 1e-6  # distance from the axis of a pole that is put on it [1 / duration]
+ROUNDS = 8  # moves of a first-order result until a branch is stable [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +125,10 @@ class Row:
         sizes = np.cumsum([each.zeros + 1 for each in self.structures])[:-1].tolist()
         return [np.concatenate([theta[:poles], b]) for b in np.split(theta[poles:], sizes)]
 
+    def slowest(self, theta: FloatArray) -> int:
+        """Return the number of the branch with the slowest pole."""
+        return self._models.slowest(self.branches(theta))
+
     def is_stable(self, theta: FloatArray) -> bool:
         """Whether all poles lie left of the imaginary axis."""
         each = zip(self.structures, self.branches(theta), strict=True)
@@ -129,36 +136,59 @@ class Row:
             float(roots(np.concatenate([[1.0], b[s.denominator]])).real.max()) < 0.0 for s, b in each
         )
 
+    @quiet
+    def on_axis(self, theta: FloatArray, along: Callable[[FloatArray], FloatArray]) -> tuple[FloatArray, float]:
+        """Return theta (P,) with unstable poles put on the axis, and the square of the move in standard deviations.
+
+        The estimate under the constraint c' theta = 0 is theta - C c (c' theta) / (c' C c); ``along`` returns C c.  The
+        slope of a pole p by a_k is -p^k / A'(p).
+        """
+        theta, moved = theta.copy(), 0.0
+        for rows, structure in zip(self.places, self.structures, strict=True):
+            for _ in range(ROUNDS):
+                denominator = np.append(1.0, theta[rows][structure.denominator])
+                poles = roots(denominator)
+                pole = poles[np.argmax(poles.real)]
+                if not pole.real >= 0.0:
+                    break
+                slope, powers = np.zeros(theta.size), pole ** np.arange(structure.poles - 1.0, -1.0, -1.0)
+                slope[rows][structure.denominator] = (-powers / np.polyval(np.polyder(denominator), pole)).real
+                way = along(slope)
+                variance = float(slope @ way)
+                theta -= way * (pole.real + NEAR_AXIS / self.record.span) / variance
+                moved += float(pole.real**2 / variance)
+        return theta, moved
+
     def signals(
-        self, theta: FloatArray, stretch: Stretch, states: FloatArray | None = None
+        self, theta: FloatArray, stretch: Stretch, weights: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the outputs (K, q) of the branches from rest, the slopes (K, P) and the nuisances (K, N).
 
-        The slopes are those of runs from initial states, or from rest.
+        The slopes are those of runs with weights (N,) of the nuisances, see `Branches`, or from rest.
         """
-        states = np.zeros(self.nuisances - 1) if states is None else states
-        outputs, slopes, free = self._models.run(self.branches(theta), states, stretch.inputs)
-        parts = self._models.of_each(states)
-        outputs = [each - combined(response, state) for each, response, state in zip(outputs, free, parts, strict=True)]
+        weights, branches = np.zeros(self.nuisances) if weights is None else weights, self.branches(theta)
+        outputs, slopes, free = self._models.run(branches, weights, stretch.inputs)
+        parts = self._models.parts(branches, weights, free)
+        outputs = [each - part for each, part in zip(outputs, parts, strict=True)]
         if self.is_common:
             poles = self.structures[0].poles
             slopes = [np.sum([each[:, :poles] for each in slopes], axis=0), *(each[:, poles:] for each in slopes)]
-        return np.column_stack(outputs), np.hstack(slopes), np.hstack([np.ones((stretch.y.size, 1)), *free])
+        return np.column_stack(outputs), np.hstack(slopes), free
 
-    def instruments(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> FloatArray | None:
-        """Return the slopes (K, P) with the external parts, and the same initial states; None if all are external."""
+    def instruments(self, theta: FloatArray, stretch: Stretch, weights: FloatArray) -> FloatArray | None:
+        """Return the slopes (K, P) with the external parts, and the same nuisances; None if all are external."""
         if self._twins is None or stretch.outside is None:
             return None
-        return np.hstack(self._twins.run(self.branches(theta), states, stretch.outside)[1])
+        return np.hstack(self._twins.run(self.branches(theta), weights, stretch.outside)[1])
 
-    def ended(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> Branches:
+    def ended(self, theta: FloatArray, stretch: Stretch, weights: FloatArray) -> Branches:
         """Return the branches of a model in their states at the end of a stretch."""
-        self._models.run(self.branches(theta), states, stretch.inputs)
+        self._models.run(self.branches(theta), weights, stretch.inputs)
         return self._models.copy()
 
-    def ended_outside(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> Branches | None:
+    def ended_outside(self, theta: FloatArray, stretch: Stretch, weights: FloatArray) -> Branches | None:
         """Return the same for the instruments; None if all inputs are external."""
-        made = self.instruments(theta, stretch, states)
+        made = self.instruments(theta, stretch, weights)
         return None if made is None or self._twins is None else self._twins.copy()
 
     def whitened(self, noise: Autoregression, signals: FloatArray, stretch: Stretch) -> FloatArray:
@@ -183,7 +213,8 @@ class Point:
     phi: list[FloatArray]  # (K, P) each: the same of the slopes
     zeta: list[FloatArray]  # (K, P) each: the same of the instruments; ``phi`` if all inputs are external
     residual: list[FloatArray]  # (K,) each: not whitened
-    nuisances: list[FloatArray]  # (N,) each: offset and initial states
+    nuisances: list[FloatArray]  # (N,) each: weights of the nuisances, see `Branches`
+    slowest: int  # the branch with the slowest pole
     cost: float  # sum of squares of ``error``
 
     @property
@@ -203,9 +234,12 @@ def evaluate(
 ) -> Point:
     """Return the point of a model; ``pulled``: phi along a common denominator is of the measured output, not zeta."""
     error, phi, zeta, residual, nuisances = [], [], [], [], []
+    slowest = row.slowest(theta)
     for number, stretch in enumerate(row.stretches):
-        states = np.zeros(row.nuisances - 1) if before is None else before.nuisances[number][1:]
-        outputs, slopes, free = row.signals(theta, stretch, states)
+        # of another slowest branch the weights have another meaning
+        is_known = before is not None and before.slowest == slowest
+        given = before.nuisances[number] if before is not None and is_known else np.zeros(row.nuisances)
+        outputs, slopes, free = row.signals(theta, stretch, given)
         left = stretch.y - outputs.sum(axis=1)
         nuisance = free.shape[1]
         white = row.whitened(noise, np.column_stack([free, left, slopes]), stretch)
@@ -216,7 +250,7 @@ def evaluate(
         made = _freed(white[:, nuisance:], basis)
         error.append(made[:, 0])
         phi.append(made[:, 1:])
-        instruments = row.instruments(theta, stretch, states)
+        instruments = row.instruments(theta, stretch, given)
         zeta.append(phi[-1] if instruments is None else _freed(row.whitened(noise, instruments, stretch), basis))
         if pulled:
             phi[-1] = phi[-1].copy()
@@ -225,7 +259,7 @@ def evaluate(
         residual.append(e)
         nuisances.append(weights)
     cost = float(sum(sum_of_squares(each) for each in error))
-    return Point(theta, error, phi, zeta, residual, nuisances, cost if math.isfinite(cost) else math.inf)
+    return Point(theta, error, phi, zeta, residual, nuisances, slowest, cost if math.isfinite(cost) else math.inf)
 
 
 def summed(columns: list[FloatArray], others: list[FloatArray]) -> FloatArray:
@@ -313,7 +347,7 @@ class RowRecord:
         output = np.full(self.record.u.size, np.nan)
         done = evaluate(row, point.theta, noise, point)
         for stretch, weights in zip(row.stretches, done.nuisances, strict=True):
-            outputs, _, free = row.signals(point.theta, stretch, weights[1:])
+            outputs, _, free = row.signals(point.theta, stretch, weights)
             output[stretch.rows] = outputs.sum(axis=1) + combined(free, weights)
         whole = np.full(self.used.size, np.nan)
         # initial states, estimated from later outputs, do not give the response to inputs before record or gap
@@ -340,8 +374,9 @@ class RowRecord:
             return middles, self.level
         gains = np.array([model.dc_gain for model in models])
         counts = np.array([float(each.measured.sum()) for each in row.stretches])
+        a0 = models[point.slowest].den[-1]  # a constant behind that branch in place of one before it
         offsets = [
-            weights[0] + gains @ (middles - self.inputs[stretch.rows][0])
+            weights[0] / a0 + gains @ (middles - self.inputs[stretch.rows][0])
             for stretch, weights in zip(row.stretches, point.nuisances, strict=True)
         ]
         return middles, self.level + float(counts @ np.array(offsets) / counts.sum())

@@ -314,7 +314,7 @@ class _Fitted:
 
     row: Row
     size: int  # of the model
-    columns: FloatArray  # (K, P + N): slopes, and responses to offset and initial states
+    columns: FloatArray  # (K, P + N): slopes, and nuisances
     error: FloatArray  # (K,): zero where not measured
 
     @classmethod
@@ -353,7 +353,7 @@ class _Fitted:
         if float(np.std(self.error)) < HARMLESS * float(np.std(stretch.y[stretch.measured])):
             return 0, 0.0
         slopes, white = self.whitened(noise)
-        told = slopes if of_plant else slopes[:, self.size : self.size + 1]
+        told = slopes if of_plant else self.row.whitened(noise, np.ones((white.size, 1)), stretch)
         fewest, size = _fewest(self.row, self.size), self.size if of_plant else 1
         return surest_begin(np.column_stack([told, white]), size, fewest, self.row.count)
 

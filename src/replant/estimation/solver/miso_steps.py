@@ -19,6 +19,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -86,7 +87,8 @@ def _improved(row: Row, noise: Autoregression, point: Point, damping: float) -> 
     if vector @ solved(matrix, vector) <= STILL * point.cost / max(row.count, 1):
         return None, damping
     for _ in range(1 if is_exact(row, point) else tries):  # a smaller step does not reduce rounding
-        theta = point.theta + solved(matrix + damping * np.diag(np.diag(matrix)), vector)
+        damped = matrix + damping * np.diag(np.diag(matrix))
+        theta = row.on_axis(point.theta + solved(damped, vector), partial(solved, damped))[0]
         if row.is_stable(theta):
             tried = evaluate(row, theta, noise, point)
             if tried.cost <= point.cost:
@@ -123,19 +125,14 @@ def instrumental(
     """Return the end of steps with instruments, each halved until these explain less of the error."""
     point = evaluate(row, theta, noise, before)
     for _ in range(steps):
-        matrix = summed(point.zeta, point.phi)
-        turned = orthogonal(summed(point.zeta, point.zeta))
-        vector = summed(point.zeta, point.error)
-        if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
-            break
-        direction, explained = solved(matrix, vector), float(np.sum((turned.T @ vector) ** 2))
-        if explained <= STILL * point.cost / max(row.count, 1):
+        direction, explained = _step_of(row, point, point)
+        if not explained > STILL * point.cost / max(row.count, 1):
             break
         for halvings in range(HALVINGS):
             new = point.theta + direction * 0.5**halvings
             if row.is_stable(new):
                 tried = evaluate(row, new, noise, point)
-                if float(np.sum((turned.T @ summed(point.zeta, tried.error)) ** 2)) < explained:
+                if _step_of(row, point, tried)[1] < explained:
                     break
         else:
             break
@@ -144,10 +141,18 @@ def instrumental(
 
 
 def explained_by(row: Row, point: Point) -> float:
-    """Return the power of the error that instruments explain, in its variances; 0 at the fixed point."""
+    """Return the power of the error that a step with instruments explains, in its variances; 0 at the fixed point."""
+    return _step_of(row, point, point)[1] * max(row.count, 1) / max(point.cost, 1e-300)
+
+
+def _step_of(row: Row, point: Point, other: Point) -> tuple[FloatArray, float]:
+    """Return the step (P,) from another point by the instruments of one, to stable poles, and what it explains."""
+    matrix, vector = summed(point.zeta, point.phi), summed(point.zeta, other.error)
+    if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
+        return np.zeros_like(vector), math.nan
     turned = orthogonal(summed(point.zeta, point.zeta))
-    power = float(np.sum((turned.T @ summed(point.zeta, point.error)) ** 2))
-    return power * max(row.count, 1) / max(point.cost, 1e-300)
+    step = row.on_axis(other.theta + solved(matrix, vector), partial(solved, matrix))[0] - other.theta
+    return step, float(np.sum((turned.T @ (matrix @ step)) ** 2))
 
 
 CUTOFFS = 6  # cutoffs tried, from 5 / duration to 1 / dt [count]
@@ -255,7 +260,7 @@ def _split(row: Row, shared: Row, denominator: FloatArray, noise: Autoregression
     )[0]
     outputs = np.zeros(row.inputs.shape)
     for stretch in shared.stretches:
-        outputs[stretch.rows] = shared.signals(theta, stretch, np.zeros(shared.nuisances - 1))[0]
+        outputs[stretch.rows] = shared.signals(theta, stretch)[0]
     denominators = []
     for i, (structure, branch) in enumerate(zip(row.structures, shared.branches(theta), strict=True)):
         poles = truncated(branch[denominator.size :], denominator, structure.poles)

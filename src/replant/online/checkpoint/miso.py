@@ -23,7 +23,7 @@ from replant.online.miso_state import JUDGES, RowState
 from replant.verdict.verdict import STATUSES, Finding
 
 #: The fields of a recursion that are arrays, and those that are numbers; then the arrays of a noise model.
-VECTORS = "theta", "weights", "scale", "origin", "tail", "delta", "factor", "diagonal", "counts", "squares"
+VECTORS = "theta", "nuisances", "scale", "origin", "tail", "delta", "factor", "diagonal", "counts", "squares"
 NUMBERS = "dt", "size", "power", "level", "waits"
 OF_NOISE = "coefficients", "models", "powers", "sums"
 #: The fields of a state that are findings, and those that are counts; the holds of the input.
@@ -120,7 +120,7 @@ def _recursion(structures: tuple[Structure, ...], hold: str, references: int, ar
     coefficients, states = sum(each.size for each in structures), 1 + sum(each.poles for each in structures)
     size = coefficients + states
     fields: dict[str, Any] = _taken(
-        arrays, theta=(coefficients,), weights=(states,), scale=(coefficients,), origin=(len(structures),),
+        arrays, theta=(coefficients,), nuisances=(states,), scale=(coefficients,), origin=(len(structures),),
         tail=(LAGS, size + 1), delta=(size,), factor=(size, size), diagonal=(size,), counts=(4,), squares=(3,),
     )  # fmt: skip
     if fields["counts"].dtype.kind != "i" or not (fields["counts"].min() >= 0 and fields["counts"][0] <= LAGS):
