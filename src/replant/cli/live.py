@@ -114,11 +114,11 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
     SOURCE is one of -, tcp://HOST:PORT, udp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, mqtt://HOST/TOPIC, a
     recorded log as in log.csv?input=u&output=y, or demo: a simulated rig that needs no other option.
 
-    A line holds u,y or t,u,y or n,t,u,y (n: sequence number, t: time in s), or the columns of ?columns=, such as
-    ?columns=t,u,y,r.  Ctrl-C ends the session and prints the result.
+    A line holds u,y or t,u,y or n,t,u,y (n: sequence number, t: time in s), or the columns that a header or ?columns=
+    names, such as ?columns=t,u,y,r.  Ctrl-C ends the session and prints the result.
 
     Several inputs, each with -i, give a transfer function from each, with poles, zeros and a dead time of its own:
-    -i Q1 -i Q2 -o T1 -p 2,1 --delay 0,0.3.  A line holds Q1,Q2,T1 instead of u,y, or a header names its columns.
+    -i Q1 -i Q2 -o T1 -p 2,1 --delay 0,0.3.  A line holds Q1,Q2,T1 instead of u,y.
     """
     if loop:
         source = looped(source)

@@ -57,9 +57,12 @@ def test_a_header_names_the_columns_in_any_order_and_others_are_left_out(copies:
     np.testing.assert_array_equal(batch.r, np.tile(7.0 + Y, copies))
 
 
-def test_a_header_counts_as_refused_where_the_signals_have_no_names_of_their_own() -> None:
-    batch, counters = read("t,u,y\n0.0,1,2\n0.1,3,4\n", signals=Signals())
-    assert (batch.u.tolist(), counters) == ([1.0, 3.0], {"not a number": 1})
+@every("header", ["t,u,y", "t,y,u", "y,u,n", "u,t,y", "u,y,r"])
+def test_a_header_may_order_u_and_y_too(header: str) -> None:
+    cells = {"t": 0.5, "u": 1.0, "y": 2.0, "n": 3.0, "r": 4.0}
+    row = ",".join(str(cells[name]) for name in header.split(","))
+    batch, counters = read(f"{header}\n{row}\n", signals=Signals())
+    assert (batch.u.tolist(), batch.y.tolist(), counters) == ([1.0], [2.0], {})
 
 
 def test_one_input_may_have_a_name_too() -> None:

@@ -147,7 +147,7 @@ def open_source(url: str, signals: Signals = UY) -> Source:
 
     Lines are CSV with two fields ``u,y``, three ``t,u,y`` or four ``n,t,u,y`` (sequence number, time stamp in s, input,
     output), or with the fields of the URL's option ``?columns=n,u,y,r`` (r: reference); or they are JSON objects with
-    these names.  Several inputs take the place of u; a header may name signals other than u and y.
+    these names.  Several inputs take the place of u; a header may name the fields in any order.
 
     >>> source = open_source("demo?speed=max")
     >>> batch = next(filter(len, source.batches()))

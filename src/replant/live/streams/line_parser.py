@@ -186,7 +186,7 @@ class Parser:
     """Parses the lines of one stream: CSV, with or without a header, or JSON; blank lines and comments are skipped.
 
     If the columns are not given, they come from two lines of CSV of equal width (the first line may have been cut),
-    from the first JSON object, or, if the signals are not called u and y, from a header.
+    from the first JSON object, or from a header that names the signals.
     """
 
     def __init__(self, counters: Counter[str], columns: Columns = None, signals: Signals = UY) -> None:
@@ -274,7 +274,7 @@ class Parser:
     def _line(self, line: str) -> list[Row]:
         if line[0] in "{[":
             return self._json(line)
-        header = header_of(line, self.signals) if self.columns is None and self.signals != UY else None
+        header = header_of(line, self.signals) if self.columns is None else None
         if header is not None:
             self.set_columns(header)
             return []
