@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from replant.errors import LogError
 from replant.logs import csv as csv_module
 from replant.logs import read_columns, read_log, stamped_interval
+from replant.logs.read import open_recording
 from replant.logs.text_times import find_format, parse_stamp
 from support.cases import every
 
@@ -70,6 +71,34 @@ def test_a_clock_without_a_date_goes_on_over_midnight(write: Write, monkeypatch:
     log = read_log(path, input="u", output="y")
     assert log.time is not None
     np.testing.assert_array_equal(log.time, 60.0 * np.arange(3000))
+
+
+@every(
+    ("name", "dt", "is_doubtful"),
+    [
+        ("time [mm:ss]", 1.0, False),
+        ("elapsed (m:ss)", 1.0, False),
+        ("time", 60.0, True),
+        ("time [hh:mm:ss]", 60.0, True),
+        ("time [hh:mm]", 60.0, False),
+    ],
+)
+def test_two_numbers_are_hours_and_minutes_unless_the_name_says_otherwise(
+    write: Write, name: str, dt: float, is_doubtful: bool
+) -> None:
+    path = write(f"{name},u,y\n" + "".join(f"{k // 60:02}:{k % 60:02},1,2\n" for k in range(150)))
+    recording = open_recording(path, input="u", output="y")
+    assert recording.dt == dt
+    assert ("minutes and seconds; if they are, name the column" in recording.doubt) == is_doubtful
+
+
+def test_minutes_and_seconds_go_on_over_the_hour(write: Write) -> None:
+    wrapped = [f"{k // 60 % 60}:{k % 60:02}" for k in range(7300)]
+    counted = [f"{k // 60}:{k % 60:02}" for k in range(7300)]
+    with_hours = [cell if k < 3600 else f"{k // 3600}:{cell:>05}" for k, cell in enumerate(wrapped)]
+    for cells in (wrapped, counted, with_hours):
+        path = write("time [mm:ss],u,y\n" + "".join(f"{cell},1,2\n" for cell in cells))
+        assert read_columns(path).column(0).tolist() == list(range(7300))
 
 
 @given(

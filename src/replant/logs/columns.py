@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from replant.errors import LogError
-from replant.logs.sampling_time import StampUnit, interval_of, time_columns, unit_of_stamps
+from replant.logs.sampling_time import interval_of, time_columns, unit_of_column
 from replant.logs.table import Table, listed
 from replant.numerics.arguments import FloatArray
 
@@ -193,7 +193,7 @@ def counts_rows(column: Column, contents: Contents) -> bool:
 
 def _clock(table: Table, contents: Contents, column: Column, guess: str) -> Clock:
     stamps = contents.values[column.number]
-    unit = StampUnit(1.0) if column.number in table.in_seconds else unit_of_stamps(column.name, stamps)
+    unit = unit_of_column(table, column.number, stamps)
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(stamps)
     rises = np.flatnonzero(steps > 0.0)

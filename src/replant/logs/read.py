@@ -28,7 +28,7 @@ from replant.logs.sampling_time import (
     checked_unit,
     interval_of,
     time_columns,
-    unit_of_stamps,
+    unit_of_column,
 )
 from replant.logs.table import Arrays, Table, in_parts, listed, repeated_rows
 from replant.numerics.arguments import FloatArray, is_frame, iterable
@@ -261,7 +261,7 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
     except LogError:  # it holds no numbers
         return None
     name = table.names[candidates[0]]
-    unit = 1.0 if candidates[0] in table.in_seconds else unit_of_stamps(name, stamps).seconds
+    unit = unit_of_column(table, candidates[0], stamps).seconds
     with np.errstate(invalid="ignore", over="ignore"):
         interval = float(np.median(np.diff(stamps))) * unit if stamps.size > 1 else math.nan
     return (name, interval) if interval > 0.0 else None

@@ -202,11 +202,17 @@ def _is_round(value: float) -> bool:
     return abs(value / float(f"{value:.2g}") - 1.0) <= ROUND
 
 
+def unit_of_column(table: Table, number: int, stamps: FloatArray) -> StampUnit:
+    """Return the unit of the time stamps (K,) in a column of numbers, dates or clock times."""
+    if number not in table.in_seconds:
+        return unit_of_stamps(table.names[number], stamps)
+    remedy = f"if they are, name the column {_core(table.names[number])} [mm:ss], {_GIVE_DT}"
+    return StampUnit(1.0, table.doubts.get(number, ""), remedy=remedy)
+
+
 def checked_unit(table: Table, number: int, stamps: FloatArray) -> StampUnit:
     """Return the unit of a column of time stamps (K,), from its first ones; raise if it is refused."""
-    if number in table.in_seconds:
-        return StampUnit(1.0)
-    unit = unit_of_stamps(table.names[number], stamps[:FIRST])
+    unit = unit_of_column(table, number, stamps[:FIRST])
     if unit.refused:
         raise table.error(number, f": {unit.doubt}; {unit.remedy}")
     return unit

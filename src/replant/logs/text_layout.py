@@ -49,7 +49,7 @@ def _stamps(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[int, St
     found = {}
     for column in range(len(names)):
         first = next((row[column] for row in rows if not is_missing(row[column])), "")
-        form = find_format([row[column] for row in rows]) if find_format([first]) else None
+        form = find_format([row[column] for row in rows], names[column]) if find_format([first]) else None
         if form is not None:
             found[column] = form
     dates = [column for column, form in found.items() if form.parts == "d"]

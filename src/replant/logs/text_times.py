@@ -29,6 +29,10 @@ _DATE = (
     rf"|(?P<named_day>\d{{1,2}})[- ](?P<name>{'|'.join(_MONTHS)})[a-z]*[- ](?P<named_year>\d{{4}}|\d{{2}}))"
 )
 _HEAD = re.compile(rf"(?:{_DATE}(?:(?:[T_]|,? +|,)|$))?(?:(?P<hour>\d{{1,4}}):(?P<minute>\d{{2}}))?", re.IGNORECASE)
+# two numbers without a date are hours and minutes, unless the column's name says minutes and seconds
+_TWO = re.compile(r"\d{1,4}:\d{2}")
+_STATED = re.compile(r"(?<![:\w])(?:(?P<minutes>mm?:ss?)|hh?:mm?)(?![:\w])", re.IGNORECASE)
+_DOUBT = "stamps such as {} are taken as hours and minutes, and may be minutes and seconds"
 _CELL = re.compile(
     r"(?P<head>[^:]*:\d{2}|[^:]*)(?::(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,9}))?)?"
     r"(?: ?(?P<half>[ap])\.?m\.?)?(?: ?(?P<zone>Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?))?",
@@ -54,6 +58,8 @@ class StampFormat:
     month_first: bool | None
     first: Stamp
     date_column: int | None = None
+    in_minutes: bool = False  # whether two numbers are minutes and seconds
+    doubt: str = ""  # why they may be, although the name does not say so
 
     @property
     def origin(self) -> int | None:
@@ -74,7 +80,7 @@ class StampFormat:
         if is_missing(cell):
             return math.nan
         try:
-            stamp = parse_stamp(cell, bool(self.month_first))
+            stamp = parse_stamp(cell, bool(self.month_first), in_minutes=self.in_minutes)
         except ValueError:
             raise CellError(at, f"{quote(cell)} is no date or clock time; {READ}") from None
         if stamp.parts != self.parts:
@@ -97,15 +103,16 @@ def is_missing(cell: str) -> bool:
     return cell.strip().lower() in MISSING or cell.strip().lower() == "nan"
 
 
-def parse_stamp(cell: str, month_first: bool) -> Stamp:
-    """Read one time stamp."""
+def parse_stamp(cell: str, month_first: bool, *, in_minutes: bool = False) -> Stamp:
+    """Read one time stamp; ``in_minutes``: two numbers are minutes and seconds."""
     found = _CELL.fullmatch(cell.strip())
     if found is None:
         raise ValueError(cell)
     head, second, fraction, half, zone = found.group("head", "second", "fraction", "half", "zone")
     base = _parse_head(head.strip(), (half or "").lower(), (zone or "").upper(), month_first)
     if second is None:
-        return base
+        is_hours = not in_minutes or _TWO.fullmatch(head) is None
+        return base if is_hours else replace(base, nanoseconds=base.nanoseconds // 60)
     if "c" not in base.parts or int(second) > 59:
         raise ValueError(cell)
     nanoseconds = base.nanoseconds + int(second) * _NANOSECOND + int((fraction or "0").ljust(9, "0"))
@@ -168,24 +175,28 @@ def _offset(zone: str) -> int:
     return (hours * 60 + minutes) * (-60 if zone[0] == "-" else 60)
 
 
-def find_format(cells: Sequence[str]) -> StampFormat | None:
+def find_format(cells: Sequence[str], name: str = "") -> StampFormat | None:
     """Return the format of a column of dates or clock times; None if a cell is neither a stamp nor missing."""
     given = [cell for cell in cells if not is_missing(cell)]
+    stated = _STATED.search(name)
+    in_minutes = stated is not None and stated["minutes"] is not None
+    are_two = stated is None and all(_TWO.fullmatch(cell.strip()) for cell in given)
     for month_first in (False, True):
         try:
-            stamps = [parse_stamp(cell, month_first) for cell in given]
+            stamps = [parse_stamp(cell, month_first, in_minutes=in_minutes) for cell in given]
         except ValueError:
             continue
         if not stamps or any(stamp.parts != stamps[0].parts for stamp in stamps):
             return None
         first = stamps[0]
         certain = not first.day or any(max(stamp.day, stamp.month) > 12 for stamp in stamps)
-        return StampFormat(first.parts, month_first if certain else None, first)
+        doubt = _DOUBT.format(quote(given[0])) if are_two else ""
+        return StampFormat(first.parts, month_first if certain else None, first, in_minutes=in_minutes, doubt=doubt)
     return None
 
 
 _HOUR = 3600.0  # shift of a clock by daylight saving time [s]
-_DAY = 86400.0  # step back at midnight of a clock without a date [s]
+_DAY = 86400.0  # step back at midnight of a clock without a date; of one of minutes and seconds it is an hour [s]
 _NEAR = 0.5  # largest deviation from an hour or a day of a jump that counts as one [usual intervals]
 _REMEDY = "write the stamps with their offset from UTC (+01:00), or give the sampling time (dt, --dt)"
 _TURNS = (
@@ -199,7 +210,7 @@ def with_stamps(table: Table, forms: Mapping[int, StampFormat]) -> Table:
 
     def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
         clocks = {
-            at: _LocalClock(table, number, has_date="d" in forms[number].parts)
+            at: _LocalClock(table, number, forms[number])
             for at, number in enumerate(numbers)
             if number in forms and forms[number].is_local
         }
@@ -207,14 +218,16 @@ def with_stamps(table: Table, forms: Mapping[int, StampFormat]) -> Table:
             yield [clocks[at].unwrapped(part) if at in clocks else part for at, part in enumerate(block)]
 
     origins = {number: form.origin for number, form in forms.items() if form.origin is not None}
-    return replace(table, blocks=blocks, in_seconds=frozenset(forms), origins=origins)
+    doubts = {number: form.doubt for number, form in forms.items() if form.doubt}
+    return replace(table, blocks=blocks, in_seconds=frozenset(forms), origins=origins, doubts=doubts)
 
 
 class _LocalClock:
     """A local clock, block by block: without a date it is unwrapped at midnight; with one a shift is an error."""
 
-    def __init__(self, table: Table, number: int, *, has_date: bool) -> None:
-        self._table, self._number, self._has_date = table, number, has_date
+    def __init__(self, table: Table, number: int, form: StampFormat) -> None:
+        self._table, self._number, self._has_date = table, number, "d" in form.parts
+        self._turn = _HOUR if form.in_minutes else _DAY
         self._rows, self._last, self._usual, self._days = 0, np.full(1, np.nan), math.nan, 0
 
     def unwrapped(self, stamps: FloatArray) -> FloatArray:
@@ -231,8 +244,8 @@ class _LocalClock:
                 at = int(np.argmax(found))
                 problem = f": the clock goes {way} by {abs(steps[at]):.6g} s, {said}; {_REMEDY}"
                 raise self._table.error(self._number, problem, self._rows + at)
-        days = self._days + np.cumsum((np.abs(steps - self._usual + _DAY) <= near) & (not self._has_date))
+        days = self._days + np.cumsum((np.abs(steps - self._usual + self._turn) <= near) & (not self._has_date))
         self._rows += stamps.size
         if stamps.size:
             self._last, self._days = stamps[-1:], int(days[-1])
-        return np.asarray(stamps + _DAY * days)
+        return np.asarray(stamps + self._turn * days)

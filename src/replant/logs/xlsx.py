@@ -99,7 +99,7 @@ def _table(path: Path, title: str, names: tuple[str, ...], first: int, columns: 
     forms = {
         number: form
         for number, cells in enumerate(columns)
-        if (form := find_format(list(map(_text, cells[:_SAMPLE_ROWS])))) is not None
+        if (form := find_format(list(map(_text, cells[:_SAMPLE_ROWS])), names[number])) is not None
     }
 
     def column(number: int) -> FloatArray:
