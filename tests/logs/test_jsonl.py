@@ -65,6 +65,12 @@ def test_a_whole_last_line_needs_no_line_feed(write: Write) -> None:
     assert (table.notes, table.column("u").tolist()) == ((), [1.0, 2.0])
 
 
+def test_a_number_among_dates_is_named(write: Write) -> None:
+    table = read_columns(write(lines({"t": "10:00:00"}, {"t": 3}), "log.jsonl"))
+    with pytest.raises(LogError, match="line 2, column 't': '3' is no date or clock time"):
+        table.column("t")
+
+
 BAD = {
     "text": (lines({"u": 1, "y": 1}, {"u": "x", "y": 2}), "line 2, column 'u': '\"x\"' is not a number; write numbers"),
     "list": (lines({"u": 1, "y": 1}, {"u": [1], "y": 2}), "line 2, column 'u': '[1]' is not a number"),

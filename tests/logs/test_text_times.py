@@ -206,14 +206,15 @@ REFUSED = {
 
 @every(("forms", "message"), REFUSED.values(), ids=REFUSED)
 @every("size", [100, 1 << 20])
+@every("sampled", [50, 100])
 def test_a_clock_that_jumps_is_an_error(
-    write: Write, monkeypatch: pytest.MonkeyPatch, forms: list[str], message: str, size: int
+    write: Write, monkeypatch: pytest.MonkeyPatch, forms: list[str], message: str, size: int, sampled: int
 ) -> None:
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
-    # the second form comes after the rows that the layout is told from would end, too
+    # the second form comes after the rows that the layout is told from, or within them
     rows = [f"{form.format(s)},{s % 7},2\n" for form in forms for s in range(60)]
     path = write("time,u,y\n" + "".join(rows))
-    monkeypatch.setattr("replant.logs.text_layout._SAMPLE_ROWS", 50)
+    monkeypatch.setattr("replant.logs.text_layout._SAMPLE_ROWS", sampled)
     with pytest.raises(LogError, match=re.escape(message)) as caught:
         read_log(path, input="u", output="y")
     assert "\n" not in str(caught.value)

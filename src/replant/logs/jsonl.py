@@ -59,8 +59,8 @@ def read(path: Path) -> Table:
         raise LogError(f"{path}: no object with a key; a log has one object for each sample, each on its own line")
     stamps = {}
     for number, (keys, values) in enumerate(given.items()):
-        known = [value for value in values if value is not None]
-        if all(isinstance(value, str) for value in known) and (form := find_format(known, keys[-1])) is not None:
+        known = [str(value) for value in values if value is not None]
+        if (form := find_format(known, keys[-1])) is not None:
             stamps[number] = form
     layout = _Layout(path, tuple(given), tuple(map(".".join, given)), stamps, bool(cut))
     notes = (f"{path}: the last line is cut off ({quote(cut)}) and left out",) if cut else ()

@@ -48,8 +48,7 @@ def _stamps(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[int, St
     """Return the columns of stamps that have a name of time; all columns of stamps if none has."""
     found = {}
     for column in range(len(names)):
-        first = next((row[column] for row in rows if not is_missing(row[column])), "")
-        form = find_format([row[column] for row in rows], names[column]) if find_format([first]) else None
+        form = find_format([row[column] for row in rows], names[column])
         if form is not None:
             found[column] = form
     dates = [column for column, form in found.items() if form.parts == "d"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import date
 from functools import lru_cache
@@ -176,23 +177,29 @@ def _offset(zone: str) -> int:
 
 
 def find_format(cells: Sequence[str], name: str = "") -> StampFormat | None:
-    """Return the format of a column of dates or clock times; None if a cell is neither a stamp nor missing."""
+    """Return the format of a column whose first cell, and at least half of all, are dates or clock times; else None."""
     given = [cell for cell in cells if not is_missing(cell)]
     stated = _STATED.search(name)
     in_minutes = stated is not None and stated["minutes"] is not None
-    are_two = stated is None and all(_TWO.fullmatch(cell.strip()) for cell in given)
-    for month_first in (False, True):
-        try:
-            stamps = [parse_stamp(cell, month_first, in_minutes=in_minutes) for cell in given]
-        except ValueError:
-            continue
-        if not stamps or any(stamp.parts != stamps[0].parts for stamp in stamps):
-            return None
-        first = stamps[0]
-        certain = not first.day or any(max(stamp.day, stamp.month) > 12 for stamp in stamps)
-        doubt = _DOUBT.format(quote(given[0])) if are_two else ""
-        return StampFormat(first.parts, month_first if certain else None, first, in_minutes=in_minutes, doubt=doubt)
-    return None
+    if not any(_stamps_in(given[:1], is_month, in_minutes=in_minutes) for is_month in (False, True)):
+        return None
+    ways = [_stamps_in(given, is_month, in_minutes=in_minutes) for is_month in (False, True)]
+    month_first = len(ways[1]) > len(ways[0])
+    stamps = ways[month_first]
+    if 2 * len(stamps) < len(given):
+        return None
+    certain = not stamps[0].day or any(max(stamp.day, stamp.month) > 12 for stamp in stamps)
+    doubt = _DOUBT.format(quote(given[0])) if stated is None and all(map(_TWO.fullmatch, map(str.strip, given))) else ""
+    return StampFormat(stamps[0].parts, month_first if certain else None, stamps[0], in_minutes=in_minutes, doubt=doubt)
+
+
+def _stamps_in(cells: Sequence[str], month_first: bool, *, in_minutes: bool) -> list[Stamp]:
+    """Return the time stamps among cells."""
+    stamps = []
+    for cell in cells:
+        with suppress(ValueError):
+            stamps.append(parse_stamp(cell, month_first, in_minutes=in_minutes))
+    return stamps
 
 
 _HOUR = 3600.0  # shift of a clock by daylight saving time [s]
