@@ -13,6 +13,7 @@ import scipy.io
 
 from replant.errors import LogError, MissingDependencyError
 from replant.logs import read_columns, read_log
+from support.cases import every
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -51,6 +52,25 @@ def test_data_sets_are_columns_by_their_path(tmp_path: Path, suffix: str) -> Non
     log = read_log(path, input="rig/u[:,1]", output="rig/y", time="rig/time")
     assert log.dt == 0.1
     np.testing.assert_array_equal(log.input, U[:, 1])
+
+
+@every(
+    ("name", "unit", "column", "dt"),
+    [
+        ("unit", "ms", "rig/time [ms]", 1e-4),
+        ("Units", np.bytes_("[min]"), "rig/time [min]", 6.0),
+        ("units", ["hours since 2024-05-01 00:00:00"], "rig/time [hours]", 360.0),
+        ("units", "1", "rig/time", 0.1),
+        ("units", 7, "rig/time", 0.1),
+        ("units", "(see the note)", "rig/time", 0.1),
+    ],
+)
+def test_an_attribute_states_the_unit(tmp_path: Path, name: str, unit: Any, column: str, dt: float) -> None:
+    path = save(tmp_path / "log.h5", rig__time=T, rig__u=T, rig__y=T)
+    with h5py.File(path, "a") as file:
+        file["rig/time"].attrs[name] = unit
+    assert read_columns(path).names == (column, "rig/u", "rig/y")
+    assert read_log(path, input="rig/u", output="rig/y").dt == pytest.approx(dt, rel=1e-12)
 
 
 def test_the_time_is_found_by_the_end_of_its_path(tmp_path: Path) -> None:

@@ -201,6 +201,7 @@ def test_a_column_called_time_is_found(write: Write, name: str) -> None:
         ("t [ms]", 5e-4),
         ("time_us", 5e-7),
         ("Time (min)", 30.0),
+        ("Time in ms", 5e-4),
         ("t [µs]", 5e-7),
         ("t_millis", 5e-4),
         ("millis", 5e-4),

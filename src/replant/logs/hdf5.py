@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 import struct
 import warnings
 import zlib
@@ -25,11 +26,13 @@ from replant.logs.npz import BLOCK_ROWS, Signal, is_sampling_time, signals_in, t
 from replant.logs.parser_process import allow
 from replant.logs.sampling_time import unit_of_stamps
 from replant.logs.table import MOST_COLUMNS, Table, at_most, damage_as_log_error, needed, too_many_error
+from replant.logs.text_cells import with_units
 
 _SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
 _MATLAB = f"a MATLAB v7.3 (HDF5) file; {_SAVE_AGAIN}"
 DEEPEST = 64  # deepest nesting of groups that is read [count]
 MOST_UNWRITTEN = 16  # largest claimed size of a data set that was written in part [times the size of that part]
+_UNIT = re.compile(r"\s*\[?\s*([^\[\]()]{1,30}?)\s*\]?\s*(?: since .*)?$", re.DOTALL)
 _CLASS, _DECODED = "MATLAB_class", "MATLAB_object_decode"
 _NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 
@@ -100,8 +103,17 @@ def _arrays(path: Path, file: Any, left_out: dict[str, str], *, matlab: bool) ->
                 fields = {field: dataset.dtype[field] for field in dataset.dtype.names if dataset.size > 1}
             for field, dtype in fields.items():
                 if dtype.kind in "biuf" and dtype.shape == ():
-                    yield name if field is None else f"{name}.{field}", _Array(dataset, field, dtype, matlab)
+                    called = _with_unit(name, dataset) if field is None else f"{name}.{field}"
+                    yield called, _Array(dataset, field, dtype, matlab)
     left_out |= reasons(objects)
+
+
+def _with_unit(name: str, dataset: Any) -> str:
+    """Return the name of a data set with the unit that its attribute states, of netCDF as in "days since 1970"."""
+    given = [dataset.attrs[key] for key in dataset.attrs if key.lower() in ("unit", "units")]
+    texts = [text.decode(errors="replace") if isinstance(text, bytes) else text for text in np.ravel(given[:1])]
+    unit = _UNIT.match(texts[0]) if dataset.size > 1 and texts and isinstance(texts[0], str) else None
+    return name if unit is None else with_units([name], [unit[1]])[0]
 
 
 def _datasets(path: Path, file: Any) -> list[tuple[str, Any]]:

@@ -228,5 +228,6 @@ def with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
     """Append the units to the names that do not state one."""
     given = [*units, *[""] * (len(names) - len(units))]
     return tuple(
-        f"{name} [{unit}]" if unit and not unit_of(name) else name for name, unit in zip(names, given, strict=False)
+        f"{name} [{unit}]" if unit not in _NONE and not unit_of(name) else name
+        for name, unit in zip(names, given, strict=False)
     )
