@@ -65,6 +65,16 @@ def test_a_whole_last_line_needs_no_line_feed(write: Write) -> None:
     assert (table.notes, table.column("u").tolist()) == ((), [1.0, 2.0])
 
 
+def test_a_key_that_comes_late_is_not_said_to_be_absent(write: Write) -> None:
+    path = write(lines(*[{"u": 1}] * 1000, {"u": 1, "r": 2}), "log.jsonl")
+    with pytest.raises(
+        LogError, match="no column 'r' in its first 1,000 objects, which name the columns: give it there"
+    ):
+        read_columns(path).find("r")
+    path.write_text(path.read_text().replace('"u": 1', '"u": 1, "r": null', 1))
+    assert read_columns(path).column("r")[-1] == 2.0
+
+
 def test_a_number_among_dates_is_named(write: Write) -> None:
     table = read_columns(write(lines({"t": "10:00:00"}, {"t": 3}), "log.jsonl"))
     with pytest.raises(LogError, match="line 2, column 't': '3' is no date or clock time"):

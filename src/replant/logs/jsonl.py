@@ -46,14 +46,15 @@ def read(path: Path) -> Table:
     """Open JSON lines; columns: keys of the first 1000 objects; cells: numbers, true, false, null (missing), times."""
     cut = _cut_line(path)
     given: dict[_Keys, list[Any]] = {}  # the values of each column in the first rows
-    found = 0
-    for _, row in islice(_rows(path, is_cut=bool(cut)), _SAMPLE_ROWS):
+    found, named_by = 0, ""
+    for count, (_, row) in enumerate(_rows(path, is_cut=bool(cut)), 1):
         for keys, value in _items_of(row):
             found += 1
             given.setdefault(keys, []).append(value)
             if len(given) > MOST_COLUMNS:
                 raise too_many_error(path, "columns")
-        if found > BLOCK_VALUES:  # wide rows: fewer suffice
+        if count == _SAMPLE_ROWS or found > BLOCK_VALUES:  # wide rows: fewer suffice
+            named_by = f" in its first {count:,} objects, which name the columns: give it there, null if it is missing"
             break
     if not given:
         raise LogError(f"{path}: no object with a key; a log has one object for each sample, each on its own line")
@@ -64,7 +65,9 @@ def read(path: Path) -> Table:
             stamps[number] = form
     layout = _Layout(path, tuple(given), tuple(map(".".join, given)), stamps, bool(cut))
     notes = (f"{path}: the last line is cut off ({quote(cut)}) and left out",) if cut else ()
-    table = Table(path, layout.names, partial(_blocks, layout), partial(_line_of_row, layout), notes=notes)
+    table = Table(
+        path, layout.names, partial(_blocks, layout), partial(_line_of_row, layout), notes=notes, named_by=named_by
+    )
     return with_stamps(table, stamps)
 
 

@@ -156,6 +156,7 @@ class Table:
     dt: float | None = None
     left_out: Mapping[str, str] = field(default_factory=dict)
     stamps: Callable[[int], FloatArray] | None = None
+    named_by: str = ""  # the part of the file that gives the names, and what to do if one is missing there
 
     def __post_init__(self) -> None:
         if len(self.names) > MOST_COLUMNS:
@@ -247,7 +248,7 @@ class Table:
             raise LogError(f"{self.path}: {reason}")
         near = sorted(self.names, key=lambda name: -_likeness(key, name))
         meant = f" (did you mean {shown(near[0])}?)" if _likeness(key, near[0]) >= NEAR else ""
-        raise LogError(f"{self.path}: no column {shown(key)}{meant}; there are: {listed(near)}")
+        raise LogError(f"{self.path}: no column {shown(key)}{self.named_by}{meant}; there are: {listed(near)}")
 
     def _number(self, key: SupportsIndex) -> int:
         try:
