@@ -73,9 +73,10 @@ def test_one_log_in_a_list_is_that_log() -> None:
 @pytest.mark.parametrize(
     ("other", "problem"),
     [
-        (replace(log(2), dt=0.1), "log 1 has the sampling time 0.1 s"),
-        (replace(log(2), output_name="z"), "log 1 differs in its output_name: 'z'"),
-        (replace(log(2), input_hold="foh"), "log 1 differs in its input_hold"),
+        (replace(log(2), dt=0.1), r"log2.csv has the sampling time 0.1 s, log1.csv 0.05 s; resample"),
+        (replace(log(2), output_name="z"), r"log2.csv and log1.csv differ in output name: z, not y; give"),
+        (replace(log(2), input_hold="foh", path=Path()), r"log 2 of 2 and log1.csv differ in input hold: foh, not zoh"),
+        (replace(log(2), reference=np.zeros(1000), reference_name="r"), "differ in reference names: r, not none"),
     ],
 )
 def test_logs_that_do_not_belong_together_are_refused(other: rp.Log, problem: str) -> None:
@@ -83,9 +84,20 @@ def test_logs_that_do_not_belong_together_are_refused(other: rp.Log, problem: st
         rp.fit([log(1), other], poles=2)
 
 
+def test_a_unit_may_be_left_out_in_some_of_them() -> None:
+    first, second = (replace(log(k), others={"w": log(k + 2).input}, more_inputs=("w",)) for k in (1, 2))
+    stated = replace(second, input_name="u [V]", others={"w [V]": second.others["w"]}, more_inputs=("w [V]",))
+    asked: dict[str, Any] = {"poles": [2, 1], "zeros": [0, 0]}
+    np.testing.assert_array_equal(
+        rp.fit([first, stated], **asked).parameters, rp.fit([first, second], **asked).parameters
+    )
+    with pytest.raises(rp.InvalidArgumentError, match=r"input names: u \[mV\], w, not u \[V\], w \[V\]; give"):
+        rp.fit([stated, replace(second, input_name="u [mV]")], **asked)
+
+
 def test_an_empty_log_is_named() -> None:
     empty = replace(log(2), input=np.empty(0), output=np.empty(0))
-    with pytest.raises(rp.InvalidArgumentError, match="log 1 has no samples"):
+    with pytest.raises(rp.InvalidArgumentError, match=r"log2.csv has no samples"):
         rp.fit([log(1), empty], poles=2)
 
 

@@ -16,6 +16,7 @@ from replant.estimation.simulation.fitted_run import FittedRun
 from replant.fitting.model import reference_of
 from replant.logs.log import Log, unused, without_rest
 from replant.logs.read import in_python, log_of_frame
+from replant.model.interop import unit_of, without_unit
 from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
@@ -94,19 +95,8 @@ class Samples:
         """Return the samples of several logs of one rig, divided by gaps, after which state and offset begin anew."""
         first, origin, last = logs[0], 0.0, 0.0
         stamps: list[FloatArray] = []
-        for number, log in enumerate(logs):
-            if not log.input.size:
-                raise InvalidArgumentError(f"log {number} has no samples; leave it out")
-            for what in ("input_names", "output_name", "reference_names", "input_hold"):
-                if getattr(log, what) != getattr(first, what):
-                    raise InvalidArgumentError(
-                        f"log {number} differs in its {what}: {getattr(log, what)!r}, the first has "
-                        f"{getattr(first, what)!r}; give logs of the same signals"
-                    )
-            if not abs(log.dt / first.dt - 1.0) < SAME_CLOCK:
-                raise InvalidArgumentError(
-                    f"log {number} has the sampling time {log.dt:g} s, the first {first.dt:g} s; resample one of them"
-                )
+        _check_alike(logs)
+        for log in logs:
             t = first.dt * np.arange(log.input.size) if log.stamps is None else log.stamps - log.stamps[0]
             beside = max(first.dt, float(t[1] - t[0]), last) if t.size > 1 else first.dt
             stamps.append(np.asarray(origin + BETWEEN * beside * bool(stamps) + t, np.float64))
@@ -117,8 +107,13 @@ class Samples:
         u, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("input", "output"))
         references = [log.reference for log in logs if log.reference is not None]
         r = np.concatenate(references) if references else None
-        named = [name for name in first.others if all(name in log.others for log in logs)]
-        others = {name: np.concatenate([log.others[name] for log in logs]) for name in named}
+        further, *_ = names = [(*log.more_inputs, *log.more_references) for log in logs]
+        columns = [  # further inputs and references have the first log's names
+            {**log.others, **{name: log.others[own] for name, own in zip(further, each, strict=True)}}
+            for log, each in zip(logs, names, strict=True)
+        ]
+        named = [name for name in first.others if all(name in each for each in columns)]
+        others = {name: np.concatenate([each[name] for each in columns]) for name in named}
         return replace(
             one, u=u, y=y, t=np.concatenate(stamps), reference=r, sha256="", others=others,
             source=", ".join(log.path.name for log in logs),
@@ -177,6 +172,32 @@ class Samples:
             )
         raw = RawRecord(structure, dt, preprocess.resolve(u, y), u, y, stamps, input_hold, self.begins)
         return raw, r, rejected
+
+
+def _check_alike(logs: list[Log]) -> None:
+    """Raise InvalidArgumentError unless all logs have samples, the signals of the first one, and its sampling time."""
+    names = [str(log.path) if log.path.name else f"log {number} of {len(logs)}" for number, log in enumerate(logs, 1)]
+    first = logs[0]
+    for name, log in zip(names, logs, strict=True):
+        if not log.input.size:
+            raise InvalidArgumentError(f"{name} has no samples; leave it out")
+        for what in ("input_names", "output_name", "reference_names", "input_hold"):
+            ours, theirs = ((each,) if isinstance(each := getattr(one, what), str) else each for one in (log, first))
+            if not _are_alike(ours, theirs):
+                differ = f"{what.replace('_', ' ')}: {', '.join(ours) or 'none'}, not {', '.join(theirs) or 'none'}"
+                raise InvalidArgumentError(f"{name} and {names[0]} differ in {differ}; give logs of the same signals")
+        if not abs(log.dt / first.dt - 1.0) < SAME_CLOCK:
+            raise InvalidArgumentError(
+                f"{name} has the sampling time {log.dt:g} s, {names[0]} {first.dt:g} s; resample one of them"
+            )
+
+
+def _are_alike(ours: tuple[str, ...], theirs: tuple[str, ...]) -> bool:
+    """Return whether names are equal, apart from a unit that one of two leaves out."""
+    return len(ours) == len(theirs) and all(
+        own == name or (without_unit(own) == without_unit(name) and "" in (unit_of(own), unit_of(name)))
+        for own, name in zip(ours, theirs, strict=True)
+    )
 
 
 @dataclass(frozen=True, eq=False)
