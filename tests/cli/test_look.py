@@ -126,17 +126,29 @@ def test_a_file_without_numbers_is_one_line_and_exit_code_2(capsys, tmp_path: Pa
     assert err.count("\n") == 1
 
 
+NAME_TWO = "name two columns of changing numbers with --input and --output."
+
+
 @every(
-    "text",
-    ["u\n1\n2\n1\n", "u,y\n1,1\n1,1\n1,1\n", "a,b\nx,1\ny,2\nx,3\n", "t,u\n,\n,\n,\n", "t,u,y\n0,1,2\n"],
-    ids=["one column", "constant", "text beside numbers", "empty cells", "one row"],
+    ("text", "options", "words"),
+    [
+        ("u\n1\n2\n1\n", (), NAME_TWO),
+        ("u,y\n1,1\n1,1\n1,1\n", (), NAME_TWO),
+        ("u,y\n1,1\n1,1\n1,1\n", ("-i", "u", "-o", "y"), NAME_TWO),
+        ("a,b\nx,1\ny,2\nx,3\n", (), NAME_TWO),
+        ("t,u\n,\n,\n,\n", (), NAME_TWO),
+        ("t,u,y\n0,1,2\n", ("-i", "u", "-o", "y"), "1 row of data, at least 2 are needed; record more samples."),
+    ],
+    ids=["one column", "constant", "constant, named", "text beside numbers", "empty cells", "one row"],
 )
-def test_where_nothing_can_be_suggested_that_is_said(capsys, tmp_path: Path, text: str) -> None:
+def test_where_nothing_can_be_suggested_that_is_said(
+    capsys, tmp_path: Path, text: str, options: tuple[str, ...], words: str
+) -> None:
     path = tmp_path / "odd.csv"
     path.write_text(text)
-    code, out, err = call(capsys, "look", path)
+    code, out, err = call(capsys, "look", path, *options)
     assert (code, err) == (0, "")
-    assert out.splitlines()[-1] == "No command to suggest: name two columns with --input and --output."
+    assert out.splitlines()[-1] == f"No command to suggest: {words}"
     assert "nan" not in out
     assert json.loads(call(capsys, "look", path, "--json")[1])["command"] is None
     assert call(capsys, "look", path, "--out", tmp_path / "plots")[0] == 0
@@ -158,6 +170,23 @@ def test_without_a_time_column_the_sampling_time_is_asked_for(capsys, tmp_path: 
     _, out, _ = call(capsys, "look", tmp_path / "log.npz")
     assert out.splitlines()[-1].endswith("--dt 1")
     assert "put the sampling time in s in place of --dt 1" in " ".join(out.split())
+
+
+@every(
+    ("stamps", "words"),
+    [
+        (range(60, 0, -1), "goes back from the one before (60); the file runs backwards: sort its rows by time"),
+        ([7] * 60, "repeats the one before (7); all stamps are equal: give the sampling time"),
+    ],
+)
+def test_of_stamps_that_never_rise_it_is_said_what_they_do(capsys, tmp_path: Path, stamps: range, words: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,u,y\n" + "".join(f"{t},{k // 5 % 2},{k % 7}\n" for k, t in enumerate(stamps)))
+    _, out, _ = call(capsys, "look", path, "-i", "u", "-o", "y")
+    said = " ".join(out.split())
+    assert words in said
+    assert "put the sampling time in s in place of --dt 1" in said
+    assert out.splitlines()[-1].endswith("--dt 1")
 
 
 @every("command", ["run", "fit", "compare"])

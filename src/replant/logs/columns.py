@@ -223,7 +223,7 @@ def _clock(table: Table, contents: Contents, column: Column, guess: str) -> Cloc
 
 def _refusal(table: Table, number: int, stamps: FloatArray) -> str:
     """Return why these stamps give no sampling time; empty if they give one."""
-    if stamps.size < 2:
+    if np.count_nonzero(np.isfinite(stamps)) < 2:
         return "fewer than two stamps"
     try:
         interval_of(table, number, stamps)

@@ -133,6 +133,8 @@ def _check_increasing(table: Table, number: int, stamps: FloatArray, first: int)
         what = f"{stamps[row]:.12g} {what} the one before ({stamps[row - 1]:.12g})"
         if (steps < 0.0).all():
             remedy = "the file runs backwards: sort its rows by time"
+        elif not steps.any():
+            remedy = "all stamps are equal: give the sampling time (dt, --dt) instead of a time column"
         elif -steps[row - 1] > ANEW * float(np.median(np.abs(steps))):
             remedy = _BEGINS_ANEW
     else:

@@ -24,6 +24,7 @@ LISTED = 30  # most columns in the table [count]
 STEADY = 1e-3  # largest jitter of a clock that is called regular [part of dt]
 INDENT = 11  # indent of the text below the table [columns]
 NOTHING = "-"
+_PUT_DT = "put the sampling time in s in place of --dt 1, which counts time in samples"
 HEADINGS = ("column", "type", "min", "max", "missing", "smallest step", "looks like")
 RIGHT = ("min", "max", "missing")
 
@@ -110,7 +111,10 @@ def print_look(console: Any, found: Inspection) -> None:
     """Print columns, clock, guesses and the suggested command."""
     print_findings(console, found)
     console.print()
-    _say(console, command_of(found) or "No command to suggest: name two columns with --input and --output.")
+    lacking = "name two columns of changing numbers with --input and --output"
+    if found.rows < 2:
+        lacking = f"{_counted(found.rows, 'row')} of data, at least 2 are needed; record more samples"
+    _say(console, command_of(found) or f"No command to suggest: {lacking}.")
 
 
 def print_findings(console: Any, found: Inspection) -> None:
@@ -205,15 +209,13 @@ def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
         named = f"column {dated[0]!r} holds no numbers" if dated else "no column is called t, time or timestamp"
         counting = [column.name for column in found.contents.columns if counts_rows(column, found.contents)]
         named += f", {counting[0]!r} counts the rows, and no other" if counting else ", and none"
-        remedy = ": put the sampling time in s in place of --dt 1, which counts time in samples"
-        yield "Clock", f"{named} rises in equal steps{remedy if command_of(found) else ''}"
+        yield "Clock", f"{named} rises in equal steps{f': {_PUT_DT}' if command_of(found) else ''}"
         return
     name = "Ts, a number in the file" if clock.column is None else clock.column.name
     if math.isnan(clock.dt):
-        yield (
-            "Clock",
-            f"{name}: no stamp is greater than the one before; if the file runs backwards, sort its rows",
-        )
+        yield "Clock", f"{name}: {clock.problem}"
+        if command_of(found):
+            yield "", f"Otherwise {_PUT_DT}."
         return
     steady = clock.jitter <= STEADY * clock.dt
     jitter = "regular" if steady else f"jitter {interval(clock.jitter)} ({share(clock.jitter / clock.dt)})"
