@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from replant.errors import LogError
@@ -35,6 +36,16 @@ def test_thousands_are_read(
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
     path = write("t;u\n" + "".join(f"{k};{cell}\n" for k, cell in enumerate(cells[::order])))
     assert read_columns(path).column("u").tolist() == values[::order]
+
+
+@every("head", ["t;true;y\n", ""])
+@every("mark", [".", ","])
+def test_true_and_false_are_one_and_zero(write: Write, head: str, mark: str) -> None:
+    """Also where a column is called so."""
+    table = read_columns(write(f"{head}0{mark}5;TRUE;1\n1{mark}5;false;2\n2{mark}5; True ;FALSE\n3{mark}5;;3\n"))
+    assert table.names == tuple(head.strip().split(";") if head else "012")
+    np.testing.assert_array_equal(table.column(1), [1.0, 0.0, 1.0, np.nan])
+    assert table.column(2).tolist() == [1.0, 2.0, 0.0, 3.0]
 
 
 def test_quoted_thousands_between_commas(write: Write) -> None:

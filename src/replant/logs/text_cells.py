@@ -15,6 +15,7 @@ from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray
 
 MISSING = frozenset({"", "na", "n/a", "null", "none"})  # no dash: it may be a unit or a truncated number
+_TRUTH = {"true": 1.0, "false": 0.0}  # only in data: a column of true values may be called true
 _SHOWN = 40  # longest text of a cell in an error [characters]
 _QUOTED = r'"([^"]*+(?:""[^"]*+)*+)"'  # a doubled mark inside is one mark; ++ and *+ keep the time linear
 _UNIT_BEHIND = r"(?:\s+(?:\[[^\[\]]*\]|\([^()]*\)))?"  # a unit in brackets belongs to its name
@@ -176,6 +177,8 @@ def parse_numbers(cells: Sequence[str], mark: DecimalMark | None) -> FloatArray:
 
 def _number(cell: str, mark: DecimalMark) -> float:
     text = cell.strip()
+    if text.lower() in _TRUTH:
+        return _TRUTH[text.lower()]
     if mark.other not in text:
         return parse_number(text.replace(mark.mark, "."))
     grouped = _GROUPED.fullmatch(text)
