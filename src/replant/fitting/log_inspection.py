@@ -16,6 +16,7 @@ from replant.logs.conditioning import from_rest
 from replant.logs.file_formats import read_columns
 from replant.logs.log import Log
 from replant.logs.merged_channels import held_where_empty, side_by_side
+from replant.logs.read import with_repeats_noted
 from replant.logs.recording import Recording
 from replant.logs.table import Table, repeated_rows
 from replant.model.preprocess import Preprocess
@@ -160,7 +161,7 @@ def inspect(
     contents = replace(contents, values={number: held_where_empty(each) for number, each in raw.items()})
     is_held = any(each is not raw[number] for number, each in contents.values.items())
     clock = find_clock(table, contents, own if time is None else table.find(time), set(given.values()))
-    contents, clock = _without_repeats(table, contents, clock, is_held=is_held)
+    table, contents, clock = _without_repeats(table, contents, clock, is_held=is_held)
     record = _record(contents, clock, given)
     signals = [column for column in record if column.is_signal and (clock is None or column != clock.column)]
     signals = _without_clocks(signals, contents, set(given.values()))
@@ -177,16 +178,16 @@ def inspect(
 
 def _without_repeats(
     table: Table, contents: Contents, clock: Clock | None, *, is_held: bool
-) -> tuple[Contents, Clock | None]:
+) -> tuple[Table, Contents, Clock | None]:
     """Return columns and clock without repeated rows; if ``is_held``, without all but the last row of a stamp."""
     # where columns have rows of their own, the last row of a stamp has all values that are known then
     if clock is None or clock.column is None or not clock.problem:
-        return contents, clock
+        return table, contents, clock
     t = contents.values[clock.column.number]
     beside = {number: each for number, each in contents.values.items() if each.size == t.size}
     repeated = np.flatnonzero(t[1:] == t[:-1]) if is_held else repeated_rows(t, list(beside.values()))
     if not repeated.size:
-        return contents, clock
+        return table, contents, clock
     values = contents.values | {number: np.delete(each, repeated) for number, each in beside.items()}
     columns = tuple(
         describe(each.number, each.name, values[each.number])
@@ -196,7 +197,8 @@ def _without_repeats(
     )
     contents = Contents(columns, values, contents.whole)
     found = find_clock(table, contents, clock.column.number)
-    return contents, None if found is None else replace(found, guess=clock.guess)
+    table = table if is_held else with_repeats_noted(table, repeated.size)
+    return table, contents, None if found is None else replace(found, guess=clock.guess)
 
 
 def _without_clocks(signals: list[Column], contents: Contents, given: set[int]) -> list[Column]:

@@ -215,7 +215,7 @@ def _clock(table: Table, contents: Contents, column: Column, guess: str) -> Cloc
         jitter=float(regular.std()) * unit.seconds if regular.size else np.nan,
         gaps=int(rising.size - regular.size),
         longest=float(rising.max()) * unit.seconds if rising.size else np.nan,
-        backward=int(steps.size - rising.size),
+        backward=int(stamps.size - known.size + np.count_nonzero(np.diff(known) <= 0.0)),
         duration=float(known.max() - known.min()) * unit.seconds if known.size else np.nan,
         problem=unit.doubt if unit.refused else _refusal(table, column.number, stamps),
     )

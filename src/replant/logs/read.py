@@ -245,9 +245,14 @@ def _without_repeats(table: Table, arrays: Arrays) -> tuple[Table, Arrays]:
     repeated = repeated_rows(arrays[-1], arrays[:-1])
     if not repeated.size:
         return table, arrays
-    what = "a row repeats" if repeated.size == 1 else f"{repeated.size:,} rows repeat"
+    return with_repeats_noted(table, repeated.size), [np.delete(column, repeated) for column in arrays]
+
+
+def with_repeats_noted(table: Table, count: int) -> Table:
+    """Return a table with a note on the rows that repeat the previous one."""
+    what = "a row repeats" if count == 1 else f"{count:,} rows repeat"
     note = f"{table.path}: {what} the previous one, with the same time stamp; repetitions are left out"
-    return replace(table, notes=(*table.notes, note)), [np.delete(column, repeated) for column in arrays]
+    return replace(table, notes=(*table.notes, note))
 
 
 def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] | None:

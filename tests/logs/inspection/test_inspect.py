@@ -362,6 +362,18 @@ def test_jitter_and_gaps_are_measured(tmp_path: Path) -> None:
     assert found.clock.longest == pytest.approx(1.0 + DT, abs=0.3 * DT)
 
 
+def test_a_missing_stamp_counts_once_and_a_repeated_row_is_noted(tmp_path: Path) -> None:
+    signals = open_loop(1000)
+    found = inspect(save(tmp_path / "lost.csv", signals | {"t": np.where(np.arange(1000) == 7, np.nan, signals["t"])}))
+    assert found.clock is not None
+    assert (found.clock.backward, found.clock.gaps, found.table.notes) == (1, 0, ())
+    rows = np.insert(np.arange(1000), 500, [499, 499])
+    found = inspect(save(tmp_path / "twice.csv", {name: signal[rows] for name, signal in signals.items()}))
+    (note,) = found.table.notes
+    assert "2 rows repeat the previous one, with the same time stamp; repetitions are left out" in note
+    assert found.rows == 1000
+
+
 @pytest.mark.parametrize("rows", [2, 4, 7, 10])
 def test_stamps_too_coarse_for_their_rows_are_counted(tmp_path: Path, rows: int) -> None:
     """Stamps in whole seconds, several rows each: with rows one second apart, a time constant would be too long."""
