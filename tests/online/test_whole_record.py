@@ -71,6 +71,19 @@ def test_a_step_is_judged_by_what_it_showed_before_the_rest() -> None:
     assert (verdict.status, verdict.excited) == ("trusted", False)
 
 
+def test_a_load_in_start_up_is_found() -> None:
+    u = np.random.default_rng(3).choice([-1.0, 1.0], 80).repeat(10)
+    y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1) + 3.0 * (np.arange(800) >= 400)
+    y += 0.1 * np.random.default_rng(4).standard_normal(800)
+    ident = rp.Identifier(poles=1, dt=0.1, startup=1000)
+    ident.update_many(u, y)
+    ident.finish()
+    assert ident.loads == (400,)
+    ident.update_many(u, y + 3.0)  # the samples after it are learned from the same state
+    assert ident.assess().status == "trusted"
+    assert ident.parameters == pytest.approx([0.5, 2.0], rel=0.05)
+
+
 def test_a_plant_that_changed_keeps_the_model_since() -> None:
     u = moved(2, 6000)
     y = np.concatenate(

@@ -318,8 +318,6 @@ class Lifecycle(Estimate):
                 return
         at_once = self._background  # lengthening the ring later would take longer than a sample
         state, self._begun_with = begin(old, settings, kept, solution, request.history, at_once=at_once)
-        if at_any_rate:
-            state.finished_at, state.gap_at = state.samples, 0
         self._settings, self._solved = settings, {}
         self._work_on(state, regular=self._regular)
         if self._place is not None:
@@ -337,9 +335,9 @@ class Lifecycle(Estimate):
 
     def _finish(self) -> None:
         self._drop_job()
+        if self._settings is None and self._state.samples:
+            self._end_startup(at_any_rate=True)
         if self._settings is None:
-            if self._state.samples:
-                self._end_startup(at_any_rate=True)
             return
         before = self._state
         if before.alarm:
