@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,14 @@ def test_a_row_says_what_fit_says(tmp_path: Path) -> None:
     model = found.model("rig1.csv")
     assert model.parameters.tolist() == alone.parameters.tolist()
     assert (model.input_name, model.provenance.source) == ("u", "rig1.csv")
+
+
+def test_a_rig_without_an_estimate_has_no_coefficients(tmp_path: Path) -> None:
+    log = recorded(0)
+    as_csv(tmp_path / "logs" / "rig0.csv", replace(log, u=np.ones_like(log.u)))
+    (row,) = fitted(tmp_path / "logs", tmp_path / "out", method="run").table().to_pylist()
+    assert (row["verdict"], row["samples"], row["dt"]) == ("not excited", 600, pytest.approx(DT))
+    assert {row[name] for name in ("a1", "a0", "b0", "pole1_real", "pole1_imag", "dc_gain", "fit")} == {None}
 
 
 def test_a_row_says_what_run_says(tmp_path: Path) -> None:

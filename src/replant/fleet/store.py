@@ -287,7 +287,9 @@ def cells_of(row: Row, shape: Shape) -> dict[str, Any]:
 
 
 def _figures(model: Model | RowModel, shape: Shape) -> dict[str, float]:
-    """Return the numbers of a model by column."""
+    """Return the numbers of a model by column; of one without an estimate, all of whose parameters are 0, only dt."""
+    if not model.parameters.any():
+        return {"dt": model.dt}
     found = dict(zip(shape.names, model.parameters.tolist(), strict=True))
     plants, known = (
         (model.transfer_functions, model.uncertainty) if isinstance(model, RowModel)

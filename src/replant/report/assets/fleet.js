@@ -8,7 +8,7 @@ const ranked = columns.findIndex(column => column.name === "rank");
 let found = rows.map((_, k) => k), first = 0, by = 0, down = false;
 
 const shown = value => {
-  if (value === null) return "";
+  if (value === null) return "\u2013";
   return Number.isInteger(value) && Math.abs(value) < 1e9 ? value.toLocaleString("en") : tick(value, 4);
 };
 const compare = (a, b) => {
