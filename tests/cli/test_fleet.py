@@ -118,6 +118,14 @@ def test_the_page_of_a_fleet_that_failed_is_not_that_of_the_run_before(
     assert "failed" in (tmp_path / "report.html").read_text()
 
 
+def test_results_of_other_options_are_not_replaced_without_a_note(
+    capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path
+) -> None:
+    again = [call(capsys, logs, *COLUMNS, *more, "--out", tmp_path)[2] for more in ((), (), ("--zeros", "1"))]
+    assert again[:2] == ["", ""]
+    assert again[2].startswith(f"replant: note: {tmp_path}: held the results of other options, which these replace")
+
+
 def test_progress_is_in_lines_of_tenths(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     small_fleet(tmp_path / "logs", 12)
     code, _, errors = call(capsys, tmp_path / "logs", "--by", "file", *COLUMNS, "--out", tmp_path / "out", "--progress")

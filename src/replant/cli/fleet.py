@@ -15,7 +15,7 @@ from replant.cli.option_types import Choice, path_option
 from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
 from replant.fleet.fit import Fleet, fit, load
-from replant.fleet.job import METHODS, MODELS, TABLE, Shape, wanted
+from replant.fleet.job import METHODS, MODELS, TABLE, Shape, job_key, wanted
 from replant.fleet.odd_rigs import check_comparable, oddness_of
 from replant.fleet.page import MOST_REPORTS, write_page, write_reports
 from replant.fleet.store import FAILED
@@ -70,6 +70,7 @@ def fleet_command(method: str, on: str | None, compare: Path | None, out: Path, 
         check_comparable(before, Shape.of(structure, inputs), out)
     if out.exists() and not out.is_dir():
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
+    key_before = job_key(out)
     with progress_bar(rate=True) as bar:
         task = bar.add_task("planning", total=None)
 
@@ -88,6 +89,8 @@ def fleet_command(method: str, on: str | None, compare: Path | None, out: Path, 
             write_reports(found, options["reports"], on)
         bar.update(task, description="page", total=None)
         page = write_page(found, before)
+    if key_before and found.job is not None and key_before != found.job.key:
+        note(f"{out}: held the results of other options, which these replace; name another folder (--out) to keep both")
     if set(found.verdicts) == {FAILED}:
         first = found.table().column("reasons")[0].as_py()
         raise LogError(f"none of {len(found)} rigs could be identified; the first: {_plain(first)}")

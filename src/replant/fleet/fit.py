@@ -373,4 +373,5 @@ def _about(fleet: Fleet, job: Job) -> dict[str, Any]:
     return {
         "structure": structures if job.several else structures[0], "input_name": fleet.input_name,
         "output_name": fleet.output_name, "logs": fleet.logs, "by": fleet.by, "method": job.method,
+        "job": job.key,
     }  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -257,6 +258,14 @@ BEFORE = Path("manifest", ".lock")  # older versions of replant wrote this inste
 def is_results(folder: Path) -> bool:
     """Return whether a fleet has written into a folder, even if it is not finished."""
     return any((folder / name).is_file() for name in (ABOUT, STORE, BEFORE))
+
+
+def job_key(folder: Path) -> str:
+    """Return the key of the job whose results a folder has, see `Job.key`; empty without results."""
+    try:
+        return str(json.loads((folder / ABOUT).read_text(encoding="utf-8"))["job"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
 
 
 def foreign(folder: Path) -> list[str]:
