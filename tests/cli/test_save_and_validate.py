@@ -13,6 +13,7 @@ import pytest
 import replant as rp
 from replant.cli import main
 from support.cases import every
+from support.full_disk import full_disk
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -44,6 +45,31 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     """The log of a plant, another one of the same plant, and one of another plant."""
     folder = tmp_path_factory.mktemp("logs")
     return write(folder / "a.csv", 0), write(folder / "b.csv", 1), write(folder / "c.csv", 2, gain=4.0)
+
+
+@every("to", [("--save", "m.json"), ("--out", "plots"), ("--save", "m.json", "--json")])
+def test_a_full_disk_does_not_cost_the_result(
+    capsys: pytest.CaptureFixture[str],
+    logs: tuple[Path, Path, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    to: tuple[str, ...],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with full_disk(100):
+        code, out, err = call(capsys, "fit", logs[0], *COLUMNS, "--poles", 1, *to)
+    assert (code, err.count("\n"), "wrote" in out) == (2, 1, False)
+    assert "trusted" in out
+
+
+def test_an_example_that_does_not_fit_on_the_disk_is_named_and_leaves_nothing(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    with full_disk(100):
+        code, _, err = call(capsys, "examples", "--out", tmp_path)
+    assert code == 2
+    assert f"cannot write {tmp_path / 'motor.csv'}: " in err
+    assert [*tmp_path.iterdir()] == []
 
 
 @pytest.mark.parametrize("command", ["run", "fit"])

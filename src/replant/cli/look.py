@@ -23,6 +23,7 @@ from replant.fitting.model_file import holds_model
 from replant.fitting.several_outputs import MatrixModel, load_model
 from replant.fitting.validation import Validation
 from replant.model.interop import without_unit
+from replant.numerics.operating_system import replacing
 from replant.online.runs.run_log import METHODS, USUAL, compare
 from replant.report import results_as_text as as_text
 from replant.report.log_as_text import as_json as look_as_json
@@ -53,18 +54,16 @@ def look_command(
     for left_out in found.table.notes:
         note(left_out)
     results.make_folder(out)
-    path = None
+    if as_json:
+        click.echo(json.dumps(look_as_json(found), allow_nan=False))
+    else:
+        print_look(terminal(), found)
     if out is not None:
         from replant.report.figures import save_columns
 
         with results.write_errors_reported(out):
             path = save_columns(out, found)
-    if as_json:
-        click.echo(json.dumps(look_as_json(found), allow_nan=False))
-        return
-    print_look(terminal(), found)
-    if path is not None:
-        click.echo(f"wrote {path}")
+        results.print_written([] if as_json or path is None else [path])
 
 
 @click.command(name="examples")
@@ -77,8 +76,8 @@ def examples_command(out: Path) -> None:
         if file.exists():
             click.echo(f"kept {file}, which exists")
             continue
-        with results.write_errors_reported(out), path_of(name) as source:
-            shutil.copyfile(source, file)
+        with results.write_errors_reported(file), path_of(name) as source, replacing(file) as new:
+            shutil.copyfile(source, new)
         click.echo(f"wrote {file}")
 
 
@@ -123,11 +122,13 @@ def validate_command(
         for row, output in zip(rows, _outputs_of(loaded, of_log["output_column"]), strict=True):
             of_row = f"{name}, {row.output_name}" if isinstance(loaded, MatrixModel) else name
             found.append((of_row, results.validated(row, path, of_log | {"output_column": output})))
-    written = [] if out is None else _plots(found, out)
     if as_json:
         click.echo(json.dumps([as_text.validation_as_json(each, name) for name, each in found], allow_nan=False))
     else:
-        results.print_rest(found, written)
+        results.print_validations(found)
+    if out is not None:
+        written = _plots(found, out)
+        results.print_written([] if as_json else written)
     results.check_required(required, [each.verdict for _, each in found])
 
 
@@ -174,18 +175,16 @@ def _compare_models(options: dict[str, Any]) -> None:
     results.make_folder(out)
     log = results.whole_log(path, results.as_modelled(path, options, next(iter(models.values()))))
     comparison = compare_saved(models, log)
-    written: list[Path] = []
-    if out is not None:
-        with results.write_errors_reported(out):
-            written.append(out / "models.png")
-            comparison.plot()[0].figure.savefig(written[0], dpi=110)
-            written.append(write_models(out / "report.html", comparison, command_line()))
     if options["as_json"]:
         found = {name: as_text.validation_as_json(each, path.name) for name, each in comparison.validations.items()}
         click.echo(json.dumps(found, allow_nan=False))
     else:
         _print(comparison)
-        results.print_rest([], written)
+    if out is not None:
+        with results.write_errors_reported(out):
+            comparison.plot()[0].figure.savefig(out / "models.png", dpi=110)
+            written = [out / "models.png", write_models(out / "report.html", comparison, command_line())]
+        results.print_written([] if options["as_json"] else written)
 
 
 def _of_one_input(path: Path) -> Model:
@@ -248,13 +247,6 @@ def compare_command(methods: tuple[str, ...], **options: Any) -> None:
         )  # fmt: skip
     if all(entry.result is None for entry in contenders):
         raise InvalidArgumentError(f"no method found a model; {contenders[0].name}: {contenders[0].problem}")
-    paths: list[Path] = []
-    if out is not None:
-        from replant.report.compared_page import save_figures, write_comparison
-
-        with results.write_errors_reported(out):
-            paths += save_figures(out, contenders, log, request.preprocess)
-            paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
     if options["as_json"]:
         named = [
             entry if (found := entry.result) is None
@@ -262,6 +254,12 @@ def compare_command(methods: tuple[str, ...], **options: Any) -> None:
             for entry in contenders
         ]  # fmt: skip
         click.echo(json.dumps(as_text.comparison_as_json(named), allow_nan=False))
-        return
-    as_text.print_comparison(terminal(), contenders, request.structure, len(log))
-    results.print_rest([], paths)
+    else:
+        as_text.print_comparison(terminal(), contenders, request.structure, len(log))
+    if out is not None:
+        from replant.report.compared_page import save_figures, write_comparison
+
+        with results.write_errors_reported(out):
+            paths = save_figures(out, contenders, log, request.preprocess)
+            paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
+        results.print_written([] if options["as_json"] else paths)

@@ -83,12 +83,21 @@ class Delivery:
             stretches.append((name, model.validate(read(columns | part))))
         return stretches + [(name, validated(model, log, columns)) for name, log in by_name(self.other_logs)]
 
-    def save(self, model: Model | RowModel | MatrixModel) -> list[Path]:
-        """Write a model into the file that was asked for; return it."""
-        if self.saved is None:
-            return []
-        model.save(self.saved)
-        return [self.saved]
+    def save(self, model: Model | RowModel | MatrixModel) -> None:
+        """Write a model into the file that was asked for; called once the model is printed, as a disk may be full."""
+        if self.saved is not None:
+            model.save(self.saved)
+            self.print_written([self.saved])
+
+    def print_written(self, paths: Sequence[Path]) -> None:
+        """Print the files that were written, unless standard output is JSON."""
+        if not self.as_json:
+            print_written(paths)
+
+    def print_step(self, step: NextStep | None) -> None:
+        """Print what to do next, unless standard output is JSON."""
+        if step is not None and not self.as_json:
+            click.echo(f"\nNext: {step.words}:\n{step.command}")
 
 
 def by_name(paths: Sequence[Path]) -> list[tuple[str, Path]]:
@@ -156,8 +165,19 @@ def deliver(
     """
     result = dataclasses.replace(result, model=kept(result.model, log))
     validations = to.validated(result.model)
-    paths = to.save(result.model)
     step = None if is_given("quiet") or validations else _next(to, result, log, is_searched=tried is not None)
+    if to.as_json:
+        structures = {} if tried is None else {"candidates": as_text.candidates_as_json(tried)}
+        echo_json(as_text.as_json(result) | structures | more, validations)
+    else:
+        if tried is not None:
+            as_text.print_candidates(terminal(), tried)
+        record = as_text.record_line(len(log) - log.rest, log.dt, log.duration)
+        as_text.print_result(terminal(), result, record=record, lead="" if step is None else step.words)
+        if result.settings is not None:
+            click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
+        print_validations(validations)
+    to.save(result.model)
     if to.out is not None:
         from replant.report.figures import save_figures
         from replant.report.result_page import write_report
@@ -169,20 +189,10 @@ def deliver(
         advice = None if step is None else (step.words, step.command)
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
         with write_errors_reported(to.out):
-            paths += save_figures(to.out, result, log.input, log.output, log.dt, **names)
+            paths = save_figures(to.out, result, log.input, log.output, log.dt, **names)
             report |= {"validations": validations, "advice": advice, "command": command_line()}
-            paths.append(write_report(to.out / "report.html", result, log, **report))
-    if to.as_json:
-        structures = {} if tried is None else {"candidates": as_text.candidates_as_json(tried)}
-        echo_json(as_text.as_json(result) | structures | more, validations)
-    else:
-        if tried is not None:
-            as_text.print_candidates(terminal(), tried)
-        record = as_text.record_line(len(log) - log.rest, log.dt, log.duration)
-        as_text.print_result(terminal(), result, record=record, lead="" if step is None else step.words)
-        if result.settings is not None:
-            click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
-        print_rest(validations, paths, step)
+            to.print_written([*paths, write_report(to.out / "report.html", result, log, **report)])
+    to.print_step(step)
     check_required(to.required, [result.verdict, *(each.verdict for _, each in validations)])
 
 
@@ -193,16 +203,16 @@ def echo_json(whole: dict[str, Any], validations: Sequence[tuple[str, Validation
     click.echo(json.dumps(whole, allow_nan=False))
 
 
-def print_rest(
-    validations: Sequence[tuple[str, Validation]], paths: Sequence[Path], step: NextStep | None = None
-) -> None:
-    """Print the validations of a model, what was written, and what to do next."""
+def print_validations(validations: Sequence[tuple[str, Validation]]) -> None:
+    """Print the validations of a model."""
     for name, found in validations:
         as_text.print_validation(terminal(), found, name)
+
+
+def print_written(paths: Sequence[Path]) -> None:
+    """Print the files that were written."""
     for path in paths:
         click.echo(f"wrote {path}")
-    if step is not None:
-        click.echo(f"\nNext: {step.words}:\n{step.command}")
 
 
 def _next(to: Delivery, result: Result, log: Log, *, is_searched: bool) -> NextStep:
@@ -216,11 +226,11 @@ def _next(to: Delivery, result: Result, log: Log, *, is_searched: bool) -> NextS
 
 @contextmanager
 def write_errors_reported(out: Path) -> Iterator[None]:
-    """Turn errors of the file system into `click.BadParameter`, which names the file."""
+    """Turn errors of the file system into `click.BadParameter`, which names ``out``, or the file in that folder."""
     try:
         yield
     except OSError as cause:
-        where = cause.filename or out
+        where = (cause.filename if out.is_dir() else None) or out
         raise click.BadParameter(f"cannot write {where}: {cause.strerror}", param_hint="--out") from cause
 
 

@@ -242,9 +242,7 @@ def identify_rows(solve: Solver, to: results.Delivery, options: dict[str, Any]) 
         of_logs = to.validated(model, input_column=inputs, output_column=output)
         validations += [(f"{name}, {model.output_name}" if several else name, one) for name, one in of_logs]
     rows = [each.row for each in solved]
-    paths = to.save(MatrixFit(tuple(rows)).model if several else rows[0].model)
-    if to.out is not None:
-        paths += _reported(to.out, solved, records, validations)
+    step = None
     if to.as_json:
         of_rows = (
             model_json.rows_object([row.model for row in rows]) if several else model_json.as_object(rows[0].model)
@@ -255,13 +253,16 @@ def identify_rows(solve: Solver, to: results.Delivery, options: dict[str, Any]) 
         results.echo_json(of_rows | candidates | elapsed, validations)
     else:
         _print_rows(solved, records)
-        step = None
+        results.print_validations(validations)
         if not (to.saved or validations or is_given("quiet")) and all(row.verdict.status == "trusted" for row in rows):
             # of what was searched for, what was found
             chosen = {} if several or solved[0].search is None else _orders(rows[0])
             again_with = again(**chosen, save="model.json", validate=OTHER_LOG)
             step = NextStep("keep the model; check it on another log", again_with)
-        results.print_rest(validations, paths, step)
+    to.save(MatrixFit(tuple(rows)).model if several else rows[0].model)
+    if to.out is not None:
+        to.print_written(_reported(to.out, solved, records, validations))
+    to.print_step(step)
     results.check_required(to.required, [*(row.verdict for row in rows), *(each.verdict for _, each in validations)])
 
 
