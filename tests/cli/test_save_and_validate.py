@@ -126,6 +126,17 @@ def test_the_report_has_the_other_log_beside_the_first(
     assert page.index("b.csv: measured") < page.index("c.csv: measured")
 
 
+def test_on_its_own_log_a_model_keeps_its_verdict(
+    capsys: pytest.CaptureFixture[str], logs: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    file = tmp_path / "motor.json"
+    assert call(capsys, "fit", logs[0], *COLUMNS, "--poles", 1, "--save", file)[0] == 0
+    code, out, err = call(capsys, "validate", file, logs[0], "--json")
+    assert (code, err.count("made from this log, and keeps its verdict")) == (0, 1)
+    (found,) = json.loads(out)
+    assert found["verdict"]["reasons"] == list(rp.load_model(file).verdict.reasons)
+
+
 def test_a_verdict_that_is_required_and_missed_ends_with_3(
     capsys: pytest.CaptureFixture[str], logs: tuple[Path, Path, Path], tmp_path: Path
 ) -> None:

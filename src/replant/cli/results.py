@@ -107,10 +107,14 @@ def by_name(paths: Sequence[Path]) -> list[tuple[str, Path]]:
 
 
 def validated(model: Model | RowModel, path: Path, columns: dict[str, Any]) -> Validation:
-    """Return a model's validation on a log."""
+    """Return a model's validation on a log; on the log that it was made from, the model keeps its own verdict.
+
+    A validation takes its samples for unseen.
+    """
     found = model.validate(_as_named(model, whole_log(path, columns)))
     if model.provenance.sha256 and digest(path) == model.provenance.sha256:
-        note(f"{path}: the model was made from this log; validate it on another one")
+        note(f"{path}: the model was made from this log, and keeps its verdict; validate it on another one")
+        return dataclasses.replace(found, verdict=model.verdict)
     return found
 
 
