@@ -34,6 +34,13 @@ def test_the_table_has_a_row_for_each_and_the_best_is_the_true_one(capsys, log, 
     assert out.splitlines()[3].split()[1] == "inconsistent"
 
 
+def test_a_narrow_terminal_gets_whole_words(capsys, log, saved, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "50")
+    _, out, _ = call(capsys, "compare", *saved, log, "-i", "u", "-o", "y")
+    assert "…" not in out
+    assert out.splitlines()[5].split() == ["model", "poles", "zeros", "dead", "time"]
+
+
 def test_json_holds_a_validation_of_each_by_name(capsys, log, saved) -> None:
     _, out, _ = call(capsys, "compare", *saved, log, "--json")
     found = json.loads(out)

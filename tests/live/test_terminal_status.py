@@ -13,6 +13,7 @@ from rich.console import Console
 import replant as rp
 from replant.live import terminal_status
 from replant.live.terminal_status import TerminalStatus, render, status_line
+from replant.plotting.numbers import wrapped
 from support.cases import every
 from support.live_fakes import PLANT
 from support.live_views import resting_view, viewed
@@ -59,14 +60,17 @@ def test_no_number_makes_a_line_long_whatever_its_size(value: float) -> None:
         assert not re.search(r"[\d,]{25}", console.export_text())
 
 
-@every("width", [80, 120])
+@every("width", [60, 80, 120])
 @every("samples", [0, 3000])
 def test_the_screen_keeps_within_its_width(width: int, samples: int) -> None:
     console = Console(width=width, record=True, file=io.StringIO())
-    console.print(render(viewed(samples), PLANT))
+    view = viewed(samples)
+    console.print(render(view, PLANT))
     text = console.export_text()
     assert max(map(len, text.splitlines())) <= width
     assert ("off by" in text) == (samples > 0)
+    reason = "\n".join(" " * 9 + line for line in wrapped(view.reasons[-1], width - 9))
+    assert reason in "\n".join(map(str.rstrip, text.splitlines()))
 
 
 def test_a_terminal_that_has_gone_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

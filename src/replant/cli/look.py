@@ -202,8 +202,8 @@ def _print(comparison: ModelComparison) -> None:
 
     console, best = terminal(), comparison.best
     plain = str.maketrans({"±": "+-", "−": "-", "–": "-"})
-    rows = ([cell.translate(plain) for cell in row[:SHOWN]] for row in comparison.rows)
-    console.print(as_text.table(HEADINGS[:SHOWN], rows, left=(0, 1), bold=lambda row: row[0] == best, no_wrap=True))
+    columns = [[cell.translate(plain) for cell in column] for column in zip(*comparison.rows, strict=True)]
+    as_text.print_blocks(console, HEADINGS[:SHOWN], columns[:SHOWN], best, first=HEADINGS.index("poles"))
     for name, found in comparison.validations.items():
         if found.verdict.status != "trusted" and found.verdict.reasons:
             console.print(f"\n{name}: {found.verdict.reasons[0]}", style="dim", highlight=False, markup=False)

@@ -8,7 +8,7 @@ import math
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +24,11 @@ from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
 from replant.online.running_model import model_of, newest_of_row, newest_run, newest_samples
 from replant.online.runs.result import Clock, History, Result
-from replant.plotting.numbers import fraction, grouped, with_std, wrapped
+from replant.plotting.numbers import fraction, grouped, with_std
 from replant.report.findings import colour_of, without_reasons, words_of
-from replant.report.results_as_text import parameter_table
+from replant.report.results_as_text import lines_behind, parameter_table
 
 LINES_APART = 5.0  # time between two status lines if standard error is not a terminal [s]
-REASONS_WIDTH = 71  # width of the reasons: 80 columns less their indent [columns]
 
 
 class TerminalStatus:
@@ -88,7 +87,6 @@ def status_line(view: View) -> str:
 def render(view: View, truth: TransferFunction | None = None, *, running: bool = True) -> Any:
     """Return a view as an object that rich prints."""
     from rich.console import Group
-    from rich.padding import Padding
     from rich.text import Text
 
     shape, colour = words_of(view.verdict).shape, colour_of(view.verdict)
@@ -113,15 +111,29 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
             rows.append(Text(""))
         figures = view.parameters.tolist(), view.std.tolist()
         rows += [parameter_table(view.names, *figures, truth, "estimate", 5), Text("")]
-        fit = f"Fit  {grouped(view.simulated)} % from the input{'s' if several else ''} alone, newest samples"
+        fit = f"{grouped(view.simulated)} % from the input{'s' if several else ''} alone, newest samples"
         fit = fit if math.isfinite(view.simulated) else ""
         gains = ", ".join(with_std(each.dc_gain, each.dc_gain_std) for each in view.inputs)
-        rows += [Text(f"DC gain  {gains}"), Text(fit)] if several else [Text(f"DC gain  {gains}    {fit}")]
+        told = [("DC gain", gains), ("Fit", fit)] if several else [("DC gain", f"{gains}{fit and f'    Fit  {fit}'}")]
+        rows += [_Behind(*each) for each in told]
     rows.append(Text.assemble("Verdict  ", (f"{shape} {view.verdict}", f"bold {colour}"), frozen))
-    rows += [Padding(Text(line), (0, 0, 0, 9)) for reason in view.reasons for line in wrapped(reason, REASONS_WIDTH)]
+    rows += [_Behind("", reason) for reason in view.reasons]
     if running:
         rows.append(Text("Ctrl-C ends", style="dim"))
     return Group(*rows)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Behind:
+    """A text behind its heading, broken into the lines of the terminal."""
+
+    heading: str
+    text: str
+
+    def __rich_console__(self, console: Any, options: Any) -> Iterator[Any]:
+        from rich.text import Text
+
+        return (Text(line) for line in lines_behind(self.heading, self.text, options.max_width))
 
 
 def _traffic(view: View, *, running: bool) -> str:

@@ -120,14 +120,19 @@ def print_verdict(console: Any, verdict: Verdict, lead: str = "") -> None:
     status = Text("Verdict  ").append(verdict.status, f"bold {colour_of(verdict.status)}")
     console.print(status.append(f": {lead}" if lead else ""), highlight=False, soft_wrap=True)
     for reason in verdict.reasons:
-        for line in wrapped(reason, console.width - INDENT):
-            console.print(" " * INDENT + line, highlight=False, markup=False, soft_wrap=True)
+        _say(console, "", reason)
+
+
+def lines_behind(heading: str, text: str, width: int) -> list[str]:
+    """Break a text into lines behind its heading, whose place stays free in the later lines."""
+    lines = wrapped(text, width - INDENT)
+    return [f"{'' if number else heading:{INDENT}}{line}" for number, line in enumerate(lines)]
 
 
 def _say(console: Any, heading: str, text: str) -> None:
-    """Print a text after its heading; print nothing if the text is empty."""
-    if text:
-        console.print(f"{heading:{INDENT}}{text}", highlight=False, markup=False)
+    """Print a text behind its heading; print nothing if the text is empty."""
+    for line in lines_behind(heading, text, console.width):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def _print_lines(console: Any, lines: Sequence[str]) -> None:
@@ -269,8 +274,7 @@ def gravity_of(entry: Contender, samples: int) -> str:
 
 
 def print_comparison(console: Any, contenders: Sequence[Contender], structure: Structure, samples: int) -> None:
-    """Print a row for each method, the best simulated fit in bold; a narrow terminal gets several blocks."""
-    from rich.cells import cell_len
+    """Print a row for each method, the best simulated fit in bold."""
     from rich.text import Text
 
     headings = ["method", *OUTCOME, *structure.names]
@@ -278,21 +282,31 @@ def print_comparison(console: Any, contenders: Sequence[Contender], structure: S
     columns += [
         _aligned(column) for column in zip(*(cells_of(entry, structure.size) for entry in contenders), strict=True)
     ]
-    widths = [max(map(cell_len, [heading, *cells])) for heading, cells in zip(headings, columns, strict=True)]
     columns[VERDICT] = [
         Text(verdict, f"bold {COLOURS[gravity_of(entry, samples)]}")
         for verdict, entry in zip(columns[VERDICT], contenders, strict=True)
     ]
-    top = first.name if (first := best(contenders)) else None
-    for chosen in _blocks(widths, console.width):
-        rows = zip(*(columns[i] for i in chosen), strict=True)
-        look: Any = {"left": [k for k, i in enumerate(chosen) if i in (0, VERDICT)], "no_wrap": True}
-        console.print(table([headings[i] for i in chosen], rows, bold=lambda row: row[0] == top, **look))
-        console.print()
+    print_blocks(console, headings, columns, first.name if (first := best(contenders)) else None)
+    console.print()
     for entry in contenders:
         if gravity_of(entry, samples) != GOOD:
             why = entry.problem if entry.result is None else "; ".join(entry.result.verdict.reasons[:1])
             console.print(f"{entry.name}: {why}", style="dim", highlight=False, markup=False)
+
+
+def print_blocks(
+    console: Any, headings: Sequence[str], columns: Sequence[Sequence[Any]], top: str | None, **how: int
+) -> None:
+    """Print the columns of a comparison, the row of ``top`` in bold; a narrow terminal gets several `_blocks`."""
+    from rich.cells import cell_len
+
+    widths = [max(map(cell_len, map(str, [heading, *cells]))) for heading, cells in zip(headings, columns, strict=True)]
+    for number, chosen in enumerate(_blocks(widths, console.width, **how)):
+        if number:
+            console.print()
+        rows = zip(*(columns[i] for i in chosen), strict=True)
+        look: Any = {"left": [k for k, i in enumerate(chosen) if i in (0, VERDICT)], "no_wrap": True}
+        console.print(table([headings[i] for i in chosen], rows, bold=lambda row: row[0] == top, **look))
 
 
 def _aligned(cells: Sequence[str]) -> list[str]:
@@ -304,13 +318,14 @@ def _aligned(cells: Sequence[str]) -> list[str]:
     return [value + (f" +- {std:<{width}}" if sign else " " * (width + 4)) for value, sign, std in parts]
 
 
-def _blocks(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Return the columns of each block: all in one if they fit; else the outcomes first, then as many as fit."""
+def _blocks(widths: Sequence[int], room: int, first: int = len(OUTCOME) + 1) -> list[list[int]]:
+    """Return the columns of each block: all in one if they fit; else the ``first`` ones, then as many as fit."""
     if sum(widths) + GAP * (len(widths) - 1) <= room:
         return [list(range(len(widths)))]
-    blocks = [list(range(len(OUTCOME) + 1)), [0]]
-    for i in range(len(OUTCOME) + 1, len(widths)):
-        if sum(widths[k] + GAP for k in [*blocks[-1], i]) - GAP > room and len(blocks[-1]) > 1:
+    blocks = [[0]]
+    for i in range(1, len(widths)):
+        is_full = sum(widths[k] + GAP for k in [*blocks[-1], i]) - GAP > room
+        if (is_full or i == first) and len(blocks[-1]) > 1:
             blocks.append([0])
         blocks[-1].append(i)
     return blocks
@@ -408,7 +423,7 @@ def print_validation(console: Any, validation: Validation, source: str) -> None:
     if math.isfinite(auto):
         outside = f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input"
         usual = "on average 5 % for a correct model"
-        console.print(f"Residual correlated beyond the 95 % limit: {outside} ({usual})", highlight=False)
+        _say(console, "Residual", f"correlated beyond the 95 % limit: {outside} ({usual})")
     if validation.by_frequency is not None:
         worst = validation.by_frequency.worst
         _say(console, "Error", f"{f'up to {share(worst)} of |G|' if worst else 'none beyond chance'}, by frequency")
