@@ -68,6 +68,7 @@ def test_a_log_is_resampled_and_detrended_as_in_python(capsys: pytest.CaptureFix
         (("--decimate", 1), "--decimate"),
         (("--decimate", 400), "--decimate 400: the log has 6000 samples"),
         (("--resample", 0.5), "--resample 0.5: the new sampling time"),
+        (("--decimate", 5, "--resample", 0.5), "--resample 0.5, taken before --decimate 5: the new sampling time"),
         (("--resample", 1e-9), "--resample 1e-09: the new sampling time"),
         (("--resample", "nan"), "--resample nan: dt must be"),
         (("--input-hold", "spline"), "'spline' is not one of"),

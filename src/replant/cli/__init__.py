@@ -150,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> Any:
     except click.Abort:
         _end("interrupted", code=130)
     except click.ClickException as mistake:
-        _end(f"{mistake.format_message()}{_hint(mistake)}")
+        _end(f"{_message(mistake)}{_hint(mistake)}")
     except ReplantError as mistake:
         _end(str(mistake))
     except ImportError as mistake:  # the system may also refuse to load a library
@@ -169,6 +169,16 @@ def _end(message: str, code: int = 2) -> NoReturn:
     with contextlib.suppress(OSError):
         print(f"replant: {brief(message)}", file=sys.stderr)
     sys.exit(code)
+
+
+def _message(mistake: click.ClickException) -> str:
+    """Return what is wrong; of an option of another command, which one takes it."""
+    if isinstance(mistake, click.NoSuchOption) and mistake.ctx is not None:
+        for name in COMMANDS:
+            command = cli.get_command(mistake.ctx, name)
+            if command is not None and any(mistake.option_name in option.opts for option in command.params):
+                return f"{mistake.message.rstrip('.')}; replant {name} takes it."
+    return mistake.format_message()
 
 
 def _hint(mistake: click.ClickException) -> str:

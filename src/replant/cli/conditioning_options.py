@@ -180,8 +180,10 @@ def input_hold_of(options: dict[str, Any]) -> str:
 def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
     """Return a log as the options ask for it, and say on standard error what was done."""
     assert log is not None
-    for name, argument in _steps(options).items():
-        with _named(f"--{name}{_written(argument)}"):
+    steps = {name: (argument, f"--{name}{_written(argument)}") for name, argument in _steps(options).items()}
+    for number, (name, (argument, option)) in enumerate(steps.items(), 1):
+        later = ", ".join(after for _, after in [*steps.values()][number:])
+        with _named(f"{option}, taken before {later}" if later else option):
             log = STEPS[name](log, argument)
         note(_done(name, log, options))
     log = stretched(log, options) if has_stretches(options) else log

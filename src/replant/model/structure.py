@@ -65,8 +65,10 @@ class Structure:
         keep(self, "feedthrough", truth)
         poles, zeros = self.poles, self.zeros
         if zeros > poles or (zeros == poles and not self.feedthrough):
-            hint = "; if the input acts on the output at once, set feedthrough=True" if zeros == poles else ""
-            raise InvalidArgumentError(f"zeros must be fewer than poles, got {shown(zeros)} and {poles}{hint}")
+            most = "at most as many as" if self.feedthrough else "fewer than"
+            at_once = "; if the input acts on the output at once, allow it (feedthrough=True, --feedthrough)"
+            hint = at_once if zeros == poles else ""
+            raise InvalidArgumentError(f"zeros must be {most} poles, got {shown(zeros)} and {poles}{hint}")
 
     @classmethod
     def wanted(cls, structure: Structure | None, poles: int | None, zeros: int, delay: float) -> Structure:
