@@ -145,7 +145,10 @@ def test_a_verdict_that_is_required_and_missed_ends_with_3(
     arguments = ("fit", first, *COLUMNS, "--poles", 1, "--require", "trusted", "--save", file)
     assert call(capsys, *arguments, "--validate", second)[0] == 0
     code, _, err = call(capsys, *arguments, "--validate", other)
-    assert (code, err) == (3, "replant: the verdict is trusted, inconsistent, --require asks for trusted\n")
+    assert (code, err) == (
+        3,
+        "replant: the verdict is trusted (model), inconsistent (validation on c.csv), --require asks for trusted\n",
+    )
     assert file.exists()
     assert call(capsys, "validate", file, other, "--require", "trusted")[0] == 3
 

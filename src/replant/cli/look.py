@@ -129,7 +129,7 @@ def validate_command(
     if out is not None:
         written = _plots(found, out)
         results.print_written([] if as_json else written)
-    results.check_required(required, [each.verdict for _, each in found])
+    results.check_required(required, [(name, each.verdict) for name, each in found])
 
 
 def _outputs_of(model: Model | RowModel | MatrixModel, named: Any) -> tuple[Any, ...]:

@@ -99,6 +99,13 @@ class Delivery:
         if step is not None and not self.as_json:
             click.echo(f"\nNext: {step.words}:\n{step.command}")
 
+    def check_required(
+        self, verdicts: Sequence[tuple[str, Verdict]], validations: Sequence[tuple[str, Validation]]
+    ) -> None:
+        """Exit with code 3 where a model or a validation has not the verdict that was asked for."""
+        of_logs = [(f"validation on {name}", each.verdict) for name, each in validations]
+        check_required(self.required, [*verdicts, *of_logs])
+
 
 def by_name(paths: Sequence[Path]) -> list[tuple[str, Path]]:
     """Return logs with their names, or with their paths where names repeat."""
@@ -128,11 +135,11 @@ def _as_named(model: Model | RowModel, log: Log) -> Log:
     return dataclasses.replace(log, input_name=names[0], others=others, more_inputs=names[1:], more_references=())
 
 
-def check_required(required: str | None, verdicts: Sequence[Verdict]) -> None:
-    """Exit with code 3 where a verdict is not the one that was asked for."""
-    if required is None or all(verdict.status == required for verdict in verdicts):
+def check_required(required: str | None, verdicts: Sequence[tuple[str, Verdict]]) -> None:
+    """Exit with code 3 where a verdict, each with the name of what it is on, is not the one that was asked for."""
+    if required is None or all(verdict.status == required for _, verdict in verdicts):
         return
-    found = ", ".join(verdict.status for verdict in verdicts)
+    found = ", ".join(f"{verdict.status} ({name})" for name, verdict in verdicts)
     click.echo(f"replant: the verdict is {found}, --require asks for {required}", err=True)
     sys.exit(NOT_REQUIRED)
 
@@ -197,7 +204,7 @@ def deliver(
             report |= {"validations": validations, "advice": advice, "command": command_line()}
             to.print_written([*paths, write_report(to.out / "report.html", result, log, **report)])
     to.print_step(step)
-    check_required(to.required, [result.verdict, *(each.verdict for _, each in validations)])
+    to.check_required([("model", result.verdict)], validations)
 
 
 def echo_json(whole: dict[str, Any], validations: Sequence[tuple[str, Validation]]) -> None:

@@ -263,7 +263,8 @@ def identify_rows(solve: Solver, to: results.Delivery, options: dict[str, Any]) 
     if to.out is not None:
         to.print_written(_reported(to.out, solved, records, validations))
     to.print_step(step)
-    results.check_required(to.required, [*(row.verdict for row in rows), *(each.verdict for _, each in validations)])
+    verdicts = [(f"model of {row.model.output_name}" if several else "model", row.verdict) for row in rows]
+    to.check_required(verdicts, validations)
 
 
 def _print_rows(solved: Sequence[Solved], records: Sequence[list[Log]]) -> None:
