@@ -16,6 +16,8 @@ import pytest
 from replant.errors import ReplantError
 from replant.live.dashboard import security
 from replant.workbench.app import opened
+from replant.workbench.choices import Setup, Wish
+from replant.workbench.model_cards import Card
 from replant.workbench.session import Session, parsed, token
 from support.cases import every
 from support.http_request import ask
@@ -263,3 +265,14 @@ def test_a_record_that_goes_on_is_read_again(tmp_path: Path) -> None:
             file.writelines(f"{k / 10},{k // 7 % 2},{k % 11}\n" for k in range(300, 500))
         page.do("read-again", log="log1")
         wait_until(lambda: page.ask("signals?log=log1")["rows"] == 500, "all rows are read")
+
+
+def test_models_of_several_logs_are_told_apart_by_their_files(tmp_path: Path) -> None:
+    session = Session(tmp_path / "s.workbench", lambda view: None)
+    titles = []
+    for number, file in enumerate(("a.csv", "a.csv", "b.csv"), 1):
+        session.cards[f"m{number}"] = Card(f"m{number}", "1 pole", "log1", Path(file), Setup(), Wish(), ())
+        titles.append([each["title"] for each in session.view()["cards"]])
+    assert titles == [["1 pole"], ["1 pole"] * 2, ["1 pole, a.csv"] * 2 + ["1 pole, b.csv"]]
+    assert {each["given"] for each in session.view()["cards"]} == {"1 pole"}
+    session.close()

@@ -80,11 +80,13 @@ class Card:
     found: dict[str, Any] = field(default_factory=dict)  # the JSON object of the command
     model: str = ""  # content of the model's file
 
-    def view(self) -> dict[str, Any]:
-        """Return the data that the page shows."""
+    def view(self, *, names_log: bool = False) -> dict[str, Any]:
+        """Return the data that the page shows; with the file of the log in the title if models are of several."""
+        title = f"{self.title}, {self.path.name}" if names_log else self.title
         shown: dict[str, Any] = {
-            "name": self.name, "title": self.title, "log": self.log, "source": self.path.name, "kind": self.wish.kind,
-            "state": self.state, "stage": self.stage, "percent": self.percent, "error": self.error,
+            "name": self.name, "title": title, "given": self.title, "log": self.log,
+            "source": self.path.name, "kind": self.wish.kind, "state": self.state, "stage": self.stage,
+            "percent": self.percent, "error": self.error,
             "command": command_line(self.words), "python": program(self.path, self.setup, self.wish),
         }  # fmt: skip
         return shown | (_result(self.found) if self.state == DONE else {})

@@ -104,8 +104,10 @@ class Session:
         """Return the state of the session for the pages."""
         with self.lock:
             cards = in_order(list(self.cards.values()), self.order)
+            several = len({each.path for each in cards}) > 1
             return {
-                "logs": [each.view() for each in self.logs.values()], "cards": [each.view() for each in cards],
+                "logs": [each.view() for each in self.logs.values()],
+                "cards": [each.view(names_log=several) for each in cards],
                 "active": self.active, "order": self.order, "shown": self.shown, "revision": self._revision,
             }  # fmt: skip
 

@@ -168,7 +168,7 @@ export function drawData() {
     if (kept().has("from")) shown = [Number(kept().get("from")), Number(kept().get("to"))];
   }
   const percent = opened.read === null ? "" : ` ${Math.round(100 * opened.read)} %`;
-  write(at("reading"), { inspecting: "inspecting the log…", reading: `reading the log…${percent}`, broken: opened.error, ready: `${count(opened.rows)} rows` }[opened.state]);
+  write(at("reading"), { inspecting: "inspecting the log…", reading: `reading the log…${percent}`, broken: opened.error, ready: `${count(opened.rows)} row${opened.rows === 1 ? "" : "s"}` }[opened.state]);
   at("reading").classList.toggle("grave", opened.state === "broken");
   drawColumns(opened);
   drawFindings(opened);

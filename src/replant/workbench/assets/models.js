@@ -84,7 +84,7 @@ function makeCard() {
   card.querySelector(".again").addEventListener("click", () => act("repeat", { card: named() }));
   card.querySelector(".remove").addEventListener("click", () => act("remove", { card: named() }));
   card.querySelector(".rename").addEventListener("click", () => {
-    field.value = card.querySelector(".title").textContent;
+    field.value = state.session.cards.find(each => each.name === named()).given;
     field.hidden = false;
     card.querySelector(".title").hidden = true;
     field.select();
