@@ -18,7 +18,7 @@ import replant as rp
 from replant.errors import InvalidArgumentError
 from replant.fleet.job import Shape, report_path
 from replant.fleet.odd_rigs import drift_between, oddness_of
-from replant.fleet.page import write_page
+from replant.fleet.page import histogram, write_page
 from replant.fleet.statistics import figures_of, limit_of, located
 from replant.fleet.store import FAILED, Movement, Row, cells_of, schema
 from replant.verdict.verdict import Verdict
@@ -301,6 +301,12 @@ def browser() -> Iterator:
     """The system's Chromium; not for longer than a module: its loop would stand in the way of others."""
     with chromium() as launched:
         yield launched
+
+
+def test_the_ends_of_an_axis_are_told_apart() -> None:
+    drawn = histogram("a1", np.array([59.958, 59.961, 60.0]))
+    assert ">59.96</text>" in drawn
+    assert ">60</text>" in drawn
 
 
 def test_an_odd_rig_leads_to_its_row_and_its_reason_is_read_on_a_telephone(browser, tmp_path: Path) -> None:

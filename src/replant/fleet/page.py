@@ -52,11 +52,13 @@ def histogram(name: str, values: FloatArray, unit: str = "") -> str:
     at = WIDTH * (middle - begin) / (end - begin)
     said = f"{name}: median {number(middle)}{f' {unit}' if unit else ''}"
     more = f"; {'one rig lies' if beyond == 1 else f'{beyond:,} rigs lie'} beyond the axis" if beyond else ""
+    # as many digits as tell the ends of the axis apart
+    low, high = next(ends for k in range(3, 18) if len({*(ends := (number(begin, k), number(end, k)))}) > 1)
     picture = (
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT + FOOT}" role="img" aria-label="{html.escape(said + more)}">{drawn}'
         f'<path class="axis" d="M0 {HEIGHT}h{WIDTH}"/><path class="middle" d="M{at:.1f} 0v{HEIGHT}"/>'
-        f'<text x="0" y="{HEIGHT + 16}">{number(begin, 3)}</text>'
-        f'<text x="{WIDTH}" y="{HEIGHT + 16}" text-anchor="end">{number(end, 3)}</text></svg>'
+        f'<text x="0" y="{HEIGHT + 16}">{low}</text>'
+        f'<text x="{WIDTH}" y="{HEIGHT + 16}" text-anchor="end">{high}</text></svg>'
     )
     label = html.escape(name + (f" [{unit}]" if unit else ""))
     told = html.escape(said.partition(": ")[2] + more)
