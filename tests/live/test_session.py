@@ -350,7 +350,9 @@ def test_a_checkpoint_of_another_structure_is_refused_in_one_line(tmp_path: Path
         rp.InvalidArgumentError, match=r"rig: the checkpoint was made with dt 0.05, and 0.1 is requested now"
     ):
         resume(path, type(REQUEST)(**{**vars(REQUEST), "dt": 0.1}))
-    with pytest.raises(rp.InvalidArgumentError, match=r"move .* away to start anew"):
+    with pytest.raises(
+        rp.InvalidArgumentError, match=r"structure 1 pole, and 2 poles is .* move .* away to start anew"
+    ):
         resume(path, type(REQUEST)(**{**vars(REQUEST), "structure": rp.Structure(2)}))
     assert resume(path, REQUEST) is not None
     assert resume(tmp_path / "none", REQUEST) is None

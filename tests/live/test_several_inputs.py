@@ -104,7 +104,10 @@ def test_a_session_that_is_resumed_goes_on_to_the_bit_and_so_does_its_record(tmp
     ("asked", "words"),
     [
         (lambda: fresh(poles=(1, 1)).request, "the checkpoint was made with structures"),
-        (lambda: fresh(input_names=("Q1", "Q3")).request, "the checkpoint was made with input_names"),
+        (
+            lambda: fresh(input_names=("Q1", "Q3")).request,
+            "the checkpoint was made with input_names Q1; Q2, and Q1; Q3 is",
+        ),
         (lambda: rp.Identifier(poles=1, dt=DT).request, "the checkpoint is of several inputs, not of one input"),
     ],
 )

@@ -258,10 +258,14 @@ def resume(path: Path, request: AnyRequest) -> Loaded | None:
         before = getattr(stored, name)
         if before != now:
             raise InvalidArgumentError(
-                f"{path}: the checkpoint was made with {name} {before}, and {now} is requested now; "
-                f"give the same options, or move {path} away to start anew"
+                f"{path}: the checkpoint was made with {name} {_in_words(before)}, and {_in_words(now)} is requested "
+                f"now; give the same options, or move {path} away to start anew"
             )
     return loaded
+
+
+def _in_words(setting: object) -> str:
+    return "; ".join(map(str, setting)) if isinstance(setting, tuple) else str(setting)
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,22 @@ class Structure:
             hint = at_once if zeros == poles else ""
             raise InvalidArgumentError(f"zeros must be {most} poles, got {shown(zeros)} and {poles}{hint}")
 
+    def __str__(self) -> str:
+        """Return the structure in words.
+
+        >>> print(Structure(poles=2, zeros=1, delay=0.3))
+        2 poles, 1 zero and a dead time of 0.3 s
+        """
+        parts = {
+            f"{self.poles} pole{'s' if self.poles > 1 else ''}": True,
+            f"{self.zeros} zero{'s' if self.zeros > 1 else ''}": self.zeros,
+            f"a dead time of {self.delay} s": self.delay,
+            "a bias": self.bias,
+            "a direct path": self.feedthrough,
+        }
+        *first, last = [part for part, has_it in parts.items() if has_it]
+        return f"{', '.join(first)} and {last}" if first else last
+
     @classmethod
     def wanted(cls, structure: Structure | None, poles: int | None, zeros: int, delay: float) -> Structure:
         """Return the given structure, or the one with these numbers of poles and zeros, and ``delay`` in s.
