@@ -54,7 +54,13 @@ def test_one_page_shows_all_of_them(capsys, log, saved, tmp_path) -> None:
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert code == 0
     assert f"wrote {tmp_path / 'out' / 'report.html'}" in out
-    for words in ("Outputs", "Step responses and poles", "Frequency responses", " follows the record best"):
+    for words in (
+        "Outputs",
+        "Step responses and poles",
+        "Frequency responses",
+        " follows the record best",
+        "cut off far beyond the range of one",
+    ):
         assert words in page
     assert page.count("<tr>") == 1 + len(saved)
     assert (tmp_path / "out" / "models.png").stat().st_size > 10_000

@@ -118,7 +118,7 @@ def responses(results: Mapping[str, Result], reference: str, dt: float, labels: 
     return pictures(
         results, {"responses0": f"{said}: magnitude in dB", "responses1": f"{said}: phase in degrees"}, 2.9,
         lambda axes: draw_responses(results, dt, reference=reference, axes=axes, **labels),
-        f"{said}. {BANDS}, where they are known.",
+        f"{said}. {BANDS}, where they are known. Curves are cut off far beyond the range of {reference}.",
     )  # fmt: skip
 
 
