@@ -184,7 +184,7 @@ def _scatter(
     evidence: Evidence, runs: Runs, covariance: np.ndarray, speeds: Speeds, by_reference: FloatArray | None
 ) -> float:
     """Return the standard deviation of the modelled output by the estimate's error, over that of the output."""
-    slopes, output = runs.now.zeta, runs.now.forced
+    slopes, output = runs.now.slopes, runs.now.forced
     if len(evidence.record.joined.parts) > 1:  # the states after gaps explain output that the input does not cause
         b = evidence.structure.numerator
         output = combined(slopes[:, b], evidence.estimate[b])

@@ -159,3 +159,17 @@ def test_taking_out_nuisances_is_least_squares_whatever_their_scale_and_rank() -
     nuisances = np.column_stack([1e9 * nuisances, nuisances[:, 0] + nuisances[:, 1], np.zeros(500)])
     weights, *_ = np.linalg.lstsq(nuisances, columns, rcond=None)
     np.testing.assert_allclose(without(columns, nuisances), columns - nuisances @ weights, atol=1e-9)
+
+
+@every("poles", [[1.0], [0.0], [1.0, 0.0]])
+def test_its_slopes_depend_on_no_choice_of_the_zero_of_the_input(poles: list[float]) -> None:
+    """What another zero adds is an offset, or a ramp behind a pole at 0, and free responses."""
+    denominator, u = np.poly(-np.array(poles)), binary(1, 600, 5)
+    y = rp.TransferFunction([2.0], denominator).simulate(u, DT) + 0.1 * np.random.default_rng(0).standard_normal(600)
+    structure, slopes = rp.Structure(len(poles)), []
+    for zero in (0.0, 3.0):
+        record = Record(u - zero, y, np.array([DT]))
+        run = run_model(structure, np.array([*denominator[1:] + 0.01, 2.0]), record, DT)
+        assert run is not None
+        slopes.append(without(run.slopes, run.nuisances))
+    np.testing.assert_allclose(*slopes, atol=1e-6 * np.abs(slopes[0]).max())

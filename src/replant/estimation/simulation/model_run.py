@@ -50,6 +50,8 @@ class ModelRun:
     states: FloatArray  # (K, S): s^i/D u, highest i first: n of them, and one more if G(s) is biproper
     zeta: FloatArray  # (K, n + m + 1): derivatives of the simulated output: -s^i/D of itself, and s^j/D u
     nuisances: FloatArray  # (K, n + 1): outputs by a unit offset and by unit initial states
+    # (K, n + m + 1): derivatives of the output with offset and state, for any choice of the input's zero
+    slopes: FloatArray
     is_direct: bool = False  # whether the output depends on the input of the same sample
     instruments: FloatArray | None = (
         None  # (K, n + m + 1): the derivatives with the parts of u and y that a reference explains
@@ -98,16 +100,21 @@ def run_model(
     if not (np.isfinite(columns).all() and np.isfinite(done.output).all() and np.abs(columns).max() < LARGEST):
         return None
     states, nuisances = done.phi[:, full.numerator], done.phi[:, full.coefficients :]
-    slopes = np.hstack([slopes_of_a, done.phi[:, own]])
-    error = done.error - combined(nuisances, weights_of(triangle_of(nuisances, done.error)))
+    zeta = np.hstack([slopes_of_a, done.phi[:, own]])
+    weights = weights_of(triangle_of(nuisances, done.error))
+    error = done.error - combined(nuisances, weights)
+    theta[full.coefficients :] = weights
+    slopes = np.hstack([model.run(theta, whole).since(known).zeta[:, full.denominator], done.phi[:, own]])
     direct = structure.delay < dt if record.input_hold == "foh" else structure.is_biproper and structure.delay == 0.0
     instruments = None
     if by_reference is not None:
         apart = AuxiliaryModel(full, dt, record.input_hold, reference=True)
         by_reference = np.pad(by_reference, ((known, 0), (0, 0)), mode="edge")
-        zeta = apart.run(theta, whole, by_reference).since(known).zeta
-        instruments = np.hstack([zeta[:, full.denominator], zeta[:, own]])
-    return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances, direct, instruments)
+        theta[full.coefficients :] = 0.0
+        made = apart.run(theta, whole, by_reference).since(known).zeta
+        instruments = np.hstack([made[:, full.denominator], made[:, own]])
+    signals = error, done.output, states, zeta, nuisances, slopes
+    return ModelRun(structure, parameters, record.u, *signals, direct, instruments)
 
 
 @quiet

@@ -27,6 +27,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import combined, quiet, sum_of_squares
+from replant.numerics.projections import without
 
 # the mean of ten squares is known to a third if two directions scatter, its root to a sixth
 DRAWS = 10  # simulated records [count]
@@ -47,14 +48,15 @@ def resampled_scatter(structure: Structure, record: Record, estimate: FloatArray
     fitted = model.size + problem.record.nuisances_beside(structure.poles, bias=structure.bias)
     deviation = math.sqrt(sum_of_squares(white) / max(problem.record.count - fitted, 1))
     output, rng, squares = _output(problem, model), np.random.default_rng(0), 0.0
+    nuisances = np.column_stack([done.phi[:, structure.coefficients :], np.ones(output.size)])
     for _ in range(DRAWS):
         y = done.output + deviation * _coloured(noise, rng.standard_normal(2 * record.u.size))
         drawn = Problem(structure, replace(record, y=np.where(record.is_measured, y, done.output)))
         found = _found(drawn, model, noise if filtered else None)
         if found is None:
             return math.inf
-        squares += float(np.var(_output(problem, found) - output))
-    power = float(np.var(output))
+        squares += float(np.var(without(_output(problem, found) - output, nuisances)))
+    power = float(np.var(without(output, nuisances)))
     return math.sqrt(squares / DRAWS / power) if power > 0.0 and math.isfinite(squares) else math.inf
 
 
