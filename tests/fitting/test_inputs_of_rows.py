@@ -183,6 +183,7 @@ OF_SENSOR = {
 }
 
 
+@pytest.mark.slow
 @every("said", OF_SENSOR, quick=1)
 def test_a_sensor_that_is_not_linear_is_named_for_all_inputs(said: str) -> None:
     """It acts on the sum of what all inputs make: by one of these alone, 13 of 18 such models were trusted."""

@@ -35,7 +35,7 @@ def made(pairs: Any, seed: int, load: float, samples: int = 3000) -> tuple[Float
         ((DOUBLE, STABLE), 3, 0.0),
         ((FIRST, SECOND), 4, 0.1),
     ],
-    quick=2,
+    quick=1,
 )
 def test_they_are_found_with_the_uncertainty_that_they_have(pairs: Any, seed: int, load: float) -> None:
     u, y = made(pairs, seed, load)

@@ -112,6 +112,7 @@ def test_loads_that_are_likely_but_not_sure_take_trust_away() -> None:
     assert distance(found.rival) < chi2_quantile(0.99, 2)
 
 
+@pytest.mark.slow
 @every("seed", [6, 3, 4], quick=1)
 def test_a_load_is_found_that_a_slow_pole_has_followed(seed: int) -> None:
     """The model of the whole record takes the load for its own answer: its halves tell of it, or the recursion."""

@@ -67,6 +67,7 @@ def test_a_range_for_each_input_and_logs() -> None:
     assert found.delays == (0.2, 0.45)
 
 
+@pytest.mark.slow
 def test_an_iterator_of_numbers_is_that_of_each_input_and_output() -> None:
     u, y = record(2, 300)
     ranges = rp.search(u, np.column_stack([y, y]), DT, poles=(1, 2), zeros=0, delays=(0.0, 0.2))
@@ -98,6 +99,7 @@ def test_what_cannot_be_searched_is_named_in_a_line(asked: dict[str, Any], words
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @every("noise, seed", product([1e-5, 0.0, 1e-3], [1002, 1009]), quick=1)
 def test_a_noise_model_takes_no_wrong_structure_for_noise(noise: float, seed: int) -> None:
     """Of a record with little noise an autoregression predicts what a wrong structure leaves, too."""

@@ -73,6 +73,7 @@ FAULTS: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.slow
 @every("fault", FAULTS, quick=2)
 def test_with_a_reference_faults_are_named_as_in_open_loop(fault: str) -> None:
     """Each is found; another one may explain it better in one record of three."""

@@ -340,6 +340,7 @@ def test_inputs_that_move_together_and_are_both_needed() -> None:
     assert any("inputs u1 and u2" in reason and "together" in reason for reason in found.verdict.reasons)
 
 
+@pytest.mark.slow
 @every("power", [0, 10, 20], quick=1)
 def test_one_load_is_no_more_than_one_whatever_the_unit(power: int) -> None:
     """A model that it has led astray sees others, which are needless once it is known."""

@@ -180,6 +180,7 @@ def test_larger_noise_is_an_alarm_until_no_change_explains_it() -> None:
     assert ident.begins == (0,)
 
 
+@pytest.mark.slow
 @every("pole", [0.0, 0.9], quick=1)
 def test_noise_and_outliers_raise_no_alarm(pole: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Once in some thousand records, where the variance is known; of the shortest records it is not quite."""
@@ -212,6 +213,7 @@ def test_a_record_without_a_change_is_not_parted(seed: int) -> None:
     assert not any("load" in reason or "changed" in reason for reason in fitted.verdict.reasons)
 
 
+@pytest.mark.slow
 @every("supposition", [Supposition.LOAD, Supposition.PLANT], quick=1)
 def test_the_end_takes_back_a_change_that_was_none(supposition: Supposition, monkeypatch: pytest.MonkeyPatch) -> None:
     u = inputs(7)[:2500]
@@ -243,6 +245,7 @@ def test_the_end_finds_a_load_that_was_missed(monkeypatch: pytest.MonkeyPatch) -
     assert distance(ident, TRUE) < chi2_quantile(0.9999, TRUE.size)
 
 
+@pytest.mark.slow
 def test_the_end_finds_another_plant_that_was_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(miso_state, "find_change", lambda *_: None)
     u, at = inputs(10)[:2500], 1200

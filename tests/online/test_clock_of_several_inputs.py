@@ -45,6 +45,7 @@ CLOCKS = {  # stamps, counts of rejected samples beside others that are nought
 }
 
 
+@pytest.mark.slow
 @every("name", list(CLOCKS), quick=3)
 def test_chunks_and_single_samples_and_checkpoints_agree_on_the_stamps_that_are_believed(signals, name):
     t, u, y = signals

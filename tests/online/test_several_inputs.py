@@ -393,6 +393,7 @@ def test_a_start_at_another_minimum_is_mended(seed: int) -> None:
     assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
 
 
+@pytest.mark.slow
 def test_an_input_that_moves_late_is_learned() -> None:
     """It is solved for at the next look, not when the record has grown by half."""
     u = toggling(1, samples=3500)
@@ -545,6 +546,7 @@ def test_a_change_since_an_estimate_was_frozen_is_named() -> None:
     assert re.match(r"input u2: over the newest [\d,]+ samples its response differs", ident.assess().reasons[0])
 
 
+@pytest.mark.slow
 @every("seed", range(4), quick=1)
 def test_a_plant_that_does_not_change_has_not_changed(seed: int) -> None:
     u, y = record(seed, 4000, pole=[0.0, 0.9][seed % 2], decibels=[10.0, 20.0][seed % 2])

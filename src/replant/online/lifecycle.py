@@ -335,7 +335,8 @@ class Lifecycle(Estimate):
 
     def _finish(self) -> None:
         self._drop_job()
-        if self._settings is None and self._state.samples:
+        is_begun = self._settings is not None
+        if not is_begun and self._state.samples:
             self._end_startup(at_any_rate=True)
         if self._settings is None:
             return
@@ -344,6 +345,8 @@ class Lifecycle(Estimate):
             self._go_on_with(look(before, self._settings)[0])
         if (found := solve_whole(self._state, self._settings)) is not None:
             self._go_on_with(found)
+        elif not is_begun:  # the model that ended the start-up is that of all samples
+            self._state.finished_at, self._state.gap_at = self._state.samples, 0
         if self._state is not before:
             self._resolve_at = next_revision(self._state, self._settings, self._most)
         self._plan()

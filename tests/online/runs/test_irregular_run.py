@@ -43,6 +43,7 @@ def as_csv(path: Path, u: np.ndarray, y: np.ndarray, t: np.ndarray, begin: float
     return path
 
 
+@pytest.mark.slow
 @every("startup", [None, 300], quick=1)
 def test_a_run_over_a_file_is_the_identifier_with_the_same_stamps(tmp_path: Path, startup: int | None) -> None:
     """To the bit."""

@@ -74,6 +74,7 @@ def test_another_column_is_named_as_by_fit() -> None:
     assert rp.run(alone, **ASKED).verdict.status == "trusted"
 
 
+@pytest.mark.slow
 def test_stamps_and_references_come_with_the_samples() -> None:
     t = DT * np.arange(Y.size) + np.where(np.arange(Y.size) < 500, 0.0, 100.0)
     found = rp.run(U, Y, DT, **ASKED, t=t, reference=U)

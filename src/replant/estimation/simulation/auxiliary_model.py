@@ -102,6 +102,11 @@ def _state_of(structure: Structure, dt: float, input_hold: str, *, reference: bo
     return State.build(structure, dt, RefinedFilter(input_hold), reference=reference)
 
 
+@lru_cache(maxsize=16)  # a point asks three times, and the roots take as long as a tenth of its run
+def _slowest(denominators: tuple[bytes, ...]) -> int:
+    return int(np.argmax([float(roots(np.append(1.0, np.frombuffer(each))).real.max()) for each in denominators]))
+
+
 class AuxiliaryModel:
     """Runs models of one structure over records."""
 
@@ -233,7 +238,7 @@ class Branches:
     def slowest(self, coefficients: Sequence[FloatArray]) -> int:
         """Return the number of the branch with the slowest pole."""
         pairs = zip(self.structures, coefficients, strict=True)
-        return int(np.argmax([float(roots(np.append(1.0, b[s.denominator])).real.max()) for s, b in pairs]))
+        return _slowest(tuple(each[structure.denominator].tobytes() for structure, each in pairs))
 
     def copy(self) -> Branches:
         """Return an independent copy in the same state."""

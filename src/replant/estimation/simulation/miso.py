@@ -1,7 +1,7 @@
 """A row of transfer functions over a record: outputs, slopes, offset and initial states.
 
 With x_i = B_i/A_i u_i the slopes are dx_i/da_k = -s^k/A_i x_i and dx_i/db_k = s^k/A_i u_i, exact for a held input.
-All branches share one error e = y - sum_i x_i.  Slopes and error are whitened by an autoregression D; offset and
+All branches share one error e = y - sum_i x_i.  Slopes and error are whitened by an autoregression D; a constant and
 initial states are projected out of them, part by part.
 
 The instruments zeta are the slopes themselves or, if references move inputs, the slopes with the external signals.
