@@ -245,13 +245,13 @@ def uncertain(samples: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.slow
 def test_of_a_record_that_has_ended_it_is_said_how_long_another_has_to_be() -> None:
     """And one as long as that is known well enough."""
-    u, y = uncertain(1000)
+    u, y = uncertain(800)
     verdict = whole(u, y, 2)
     factor = re.search(LONGER, " ".join(verdict.reasons))
     assert verdict.status == "converging"
     assert factor
     assert not said(verdict, MORE)
-    longer = whole(*uncertain(int(1000 * 2.0 * float(factor[1]))), 2)  # a figure of a figure
+    longer = whole(*uncertain(int(800 * 2.0 * float(factor[1]))), 2)  # a figure of a figure
     assert longer.status == "trusted", longer.reasons
 
 
