@@ -6,8 +6,8 @@ import json
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow
@@ -20,19 +20,20 @@ from replant.fleet.job import Shape, report_path
 from replant.fleet.odd_rigs import drift_between, oddness_of
 from replant.fleet.page import histogram, write_page
 from replant.fleet.statistics import figures_of, limit_of, located
-from replant.fleet.store import FAILED, Movement, Row, cells_of, schema
+from replant.fleet.store import FAILED, cells_of, schema
 from replant.verdict.verdict import Verdict
 from support.browsing import TEXTS, chromium, contrast, new_page
 from support.cases import every
 
 TWO = rp.Structure(2)
 SHAPE = Shape((TWO,))
-MOVES = Movement((1.0,), 1.0, 0.01)
+MOVES = {"input_std": 1.0, "output_std": 1.0, "output_held": 0.01}
+Row = dict[str, Any]
 
 
 def table_of(rows, shape):
     """Return rows as the table of results."""
-    return pyarrow.Table.from_pylist([cells_of(row, shape) for row in rows], schema(shape))
+    return pyarrow.Table.from_pylist(rows, schema(shape))
 
 
 def row(
@@ -49,9 +50,13 @@ def row(
         TWO, theta, 0.01, covariance=covariance, simulated_fit=more.pop("fit", 95.0),
         verdict=Verdict(verdict, ("because: so it is",)),
     )  # fmt: skip
-    return Row(
-        name, verdict, ("because: so it is",), f"{name}.csv", 1, model, 1000, movement=more.pop("movement", MOVES)
-    )
+    about = {"reasons": "because: so it is", "source": f"{name}.csv", "files": 1, "samples": 1000}
+    return cells_of(SHAPE, model, rig=name, verdict=verdict, **about, **{**MOVES, **more})
+
+
+def failed(name: str, reason: str) -> Row:
+    """A rig without a model."""
+    return cells_of(SHAPE, None, rig=name, verdict=FAILED, reasons=reason, source=f"{name}.csv", files=1)
 
 
 def fleet(seed: int, rigs: int = 150, spread: float = 0.03) -> list[Row]:
@@ -136,26 +141,26 @@ def test_signals_of_untrusted_rigs_say_why() -> None:
         *fleet(0, 60),
         row("column", 0.3, 3.0, 0.9, 0.5 + SURE, rng, verdict="inconsistent", fit=3.0),
         row("chance", 0.3, 3.0, 0.9, 0.5 + SURE, rng, verdict="converging", fit=60.0),
-        row("stuck", 1.0, 12.0, 0.4, SURE, rng, verdict="inconsistent", movement=Movement((1.0,), 0.5, 0.6)),
-        row("still", 1.0, 12.0, 0.4, SURE, rng, verdict="not excited", movement=Movement((0.0,), 0.5, 0.01)),
+        row("stuck", 1.0, 12.0, 0.4, SURE, rng, verdict="inconsistent", output_std=0.5, output_held=0.6),
+        row("still", 1.0, 12.0, 0.4, SURE, rng, verdict="not excited", input_std=0.0, output_std=0.5),
         row("young", 2.0, 12.0, 0.4, 20.0 * SURE, rng, verdict="converging", fit=94.0),
-        Row("broken", FAILED, ("broken.csv: it is empty",), "broken.csv", 1),
+        failed("broken", "broken.csv: it is empty"),
     ]
     found = oddness_of(table_of(rows, SHAPE), SHAPE)
-    said = dict(zip([each.rig for each in rows], found.words, strict=True))
+    said = dict(zip([each["rig"] for each in rows], found.words, strict=True))
     assert said["column"] == "the model explains 3 %, the fleet's 95 %: because: so it is; wrong column?"
     assert said["chance"] == "the model explains 60 %, the fleet's 95 %: because: so it is"
     assert said["stuck"] == "stuck sensor? the output stands still over 60 % of the record"
     assert said["still"] == "the input does not move"
     assert (said["young"], said["broken"]) == ("", "")
-    ranked = [rows[k].rig for k in found.order]
+    ranked = [rows[k]["rig"] for k in found.order]
     assert set(ranked[:4]) == {"column", "chance", "stuck", "still"}
     assert ranked[4:6] == ["broken", "young"]
 
 
 @pytest.mark.parametrize("rigs", [0, 1, 5])
 def test_a_few_rigs_tell_nothing_usual(rigs: int) -> None:
-    rows = fleet(0, rigs) if rigs else [Row("a", FAILED, ("no",), "a.csv", 1)]
+    rows = fleet(0, rigs) if rigs else [failed("a", "no")]
     found = oddness_of(table_of(rows, SHAPE), SHAPE)
     assert not found.odd.any()
     assert np.isnan(found.distance).all()
@@ -180,7 +185,7 @@ def test_spread_is_estimated_without_the_uncertainty_of_the_estimates() -> None:
 
 def saved(folder: Path, rows: list[Row], structure: rp.Structure = TWO) -> rp.fleet.Fleet:
     folder.mkdir(parents=True)
-    table = table_of(sorted(rows, key=lambda each: each.rig), Shape((structure,)))
+    table = table_of(sorted(rows, key=lambda each: each["rig"]), Shape((structure,)))
     parquet.write_table(table, folder / "rigs.parquet")
     return rp.fleet.Fleet(folder, structure, logs=str(folder), by="file")
 
@@ -190,18 +195,18 @@ def again(rows: list[Row], seed: int, **changed: float) -> list[Row]:
     rng = np.random.default_rng(seed)
     found = []
     for each in rows:
-        a1, a0, b0 = each.model.parameters
-        std = each.model.uncertainty.dc_gain_std / each.model.transfer_function.dc_gain * np.array([1.0, 0.7, 2.0])
-        gain = b0 / a0 * changed.get(each.rig, 1.0)
-        new = row(each.rig, gain, math.sqrt(a0), a1 / (2.0 * math.sqrt(a0)), abs(std), rng)
+        model = rp.Model.from_json(each["model"])
+        a1, a0, b0 = model.parameters
+        std = model.uncertainty.dc_gain_std / model.transfer_function.dc_gain * np.array([1.0, 0.7, 2.0])
+        gain = b0 / a0 * changed.get(each["rig"], 1.0)
+        new = row(each["rig"], gain, math.sqrt(a0), a1 / (2.0 * math.sqrt(a0)), abs(std), rng)
         found.append(new)
     return found
 
 
 def test_what_has_drifted_is_found_beside_the_uncertainty_of_both(tmp_path: Path) -> None:
     truth = fleet(0, 100)
-    for each in truth:  # the records' own errors are drawn anew both times
-        assert each.model is not None
+    assert all("model" in each for each in truth)  # the records' own errors are drawn anew both times
     changed = {"rig0003": 0.7, "rig0050": -1.0}
     before = saved(tmp_path / "before", [*again(truth, 1), row("gone", 2.0, 12.0, 0.4, SURE, np.random.default_rng(0))])
     now = saved(tmp_path / "now", again(truth, 2, **changed))
@@ -224,7 +229,9 @@ def test_coefficients_that_no_record_tells_are_not_compared(tmp_path: Path) -> N
             y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1) + 0.3 * random.standard_normal(u.size)
             found = rp.fit(u, y, 0.1, poles=2, zeros=1)
             assert found.uncertainty.cancelled_pole is not None
-            rows.append(Row(f"rig{k:02}", "trusted", ("so it is",), "log.csv", 1, found.model, 800, movement=MOVES))
+            about = {"reasons": "so it is", "source": "log.csv", "files": 1, "samples": 800}
+            shape = Shape((rp.Structure(2, 1),))
+            rows.append(cells_of(shape, found.model, rig=f"rig{k:02}", verdict="trusted", **about, **MOVES))
         return rows
 
     structure = rp.Structure(2, 1)
@@ -236,7 +243,7 @@ def test_coefficients_that_no_record_tells_are_not_compared(tmp_path: Path) -> N
 
 def test_a_fleet_that_has_changed_as_a_whole_is_told(tmp_path: Path) -> None:
     truth = fleet(0, 100)
-    before, now = again(truth, 1), again(truth, 2, **{each.rig: 1.02 for each in truth})
+    before, now = again(truth, 1), again(truth, 2, **{each["rig"]: 1.02 for each in truth})
     drift = drift_between(saved(tmp_path / "before", before), saved(tmp_path / "now", now))
     assert len(drift.fleet) == 1
     assert drift.fleet[0].startswith("gain 1.02 times what it was")
@@ -275,7 +282,7 @@ def data_of(page: Path) -> dict:
 
 
 def test_the_page_has_all_rigs_and_needs_no_other_file(tmp_path: Path) -> None:
-    rows = [*fleet(0, 40), Row("<b>&odd</script>", FAILED, ("bad <i>",), "x", 1)]
+    rows = [*fleet(0, 40), failed("<b>&odd</script>", "bad <i>")]
     rows = [*rows, row("slow", 2.0, 6.0, 0.4, SURE, np.random.default_rng(0))]
     now = saved(tmp_path / "now", rows)
     (now.folder / "reports").mkdir()
@@ -325,7 +332,7 @@ def test_an_odd_rig_leads_to_its_row_and_its_reason_is_read_on_a_telephone(brows
 
 
 def test_the_page_of_a_fleet_without_a_trusted_rig_is_written(tmp_path: Path) -> None:
-    page = write_page(saved(tmp_path / "now", [Row("a", FAILED, ("no",), "a.csv", 1)]))
+    page = write_page(saved(tmp_path / "now", [failed("a", "no")]))
     assert "Too few rigs are trusted" in page.read_text(encoding="utf-8")
 
 
@@ -384,7 +391,9 @@ def test_three_odd_rigs_of_twenty_do_not_hide_each_other() -> None:
 
 def test_trusted_rigs_of_whom_no_uncertainty_is_known_come_last() -> None:
     rows = fleet(0)
-    unknown = replace(rows[0], rig="unknown", model=replace(rows[0].model, covariance=None))
+    unknown = {"rig": "unknown", "covariance": None} | {
+        name: cell for name, cell in rows[0].items() if name not in ("rig", "covariance") and not name.endswith("_std")
+    }
     found = oddness_of(table_of([unknown, *rows], SHAPE), SHAPE)
     assert np.isnan(found.distance[0])
     assert found.order[-1] == 0

@@ -12,7 +12,6 @@ import sqlite3
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -220,35 +219,6 @@ def verdicts_of(table: Any) -> np.ndarray[tuple[int], np.dtype[np.object_]]:
 FAILED = "failed"  # in place of the verdict of a rig that could not be identified
 
 
-@dataclass(frozen=True)
-class Movement:
-    """Movement of a record's signals."""
-
-    # standard deviations of the raw signals; NaN without a sample
-    input_stds: tuple[float, ...] = ()
-    output_std: float = math.nan
-    output_held: float = math.nan  # longest stretch over which the output is constant to the bit [part of the record]
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """The result of a rig."""
-
-    rig: str
-    verdict: str  # the status, or `FAILED`
-    reasons: tuple[str, ...]
-    source: str  # its first file, relative to the folder of all logs
-    files: int
-    model: Model | RowModel | None = None
-    samples: int = 0
-    rejected: tuple[tuple[str, int], ...] = ()  # samples left out, by reason
-    begin: float = math.nan  # time of the first sample in s; for dates since 1970
-    end: float = math.nan  # time of the last sample in s
-    movement: Movement = Movement()
-    notes: tuple[str, ...] = ()  # remarks on the files, such as a line that was left out
-    seconds: float = 0.0  # time for the identification
-
-
 def schema(shape: Shape) -> Any:
     """Return the columns of the table of results as a `pyarrow.Schema`."""
     import pyarrow
@@ -267,23 +237,15 @@ def schema(shape: Shape) -> Any:
     return pyarrow.schema(fields)
 
 
-def cells_of(row: Row, shape: Shape) -> dict[str, Any]:
-    """Return a row as a JSON object: its known cells by column, the model's JSON, the seconds."""
-    moved = zip(shape.branches, row.movement.input_stds, strict=False)  # a rig that failed has none
-    numbers = {"begin": row.begin, "end": row.end, **{f"input_std{end}": std for (_, end, _), std in moved}}
-    numbers |= {"output_std": row.movement.output_std, "output_held": row.movement.output_held}
-    cells: dict[str, Any] = {
-        "rig": row.rig, "verdict": row.verdict, "reasons": printable("; ".join(row.reasons)), "source": row.source,
-        "files": row.files, "notes": printable("; ".join(row.notes)), "samples": row.samples,
-        "rejected": sum(count for _, count in row.rejected),
-        "rejected_why": ", ".join(f"{count} {why}" for why, count in row.rejected if count), "seconds": row.seconds,
-    }  # fmt: skip
-    if row.model is not None:
-        covariance = row.model.covariance
-        cells["model"] = json.dumps(json.loads(row.model.to_json()), ensure_ascii=False)  # in one line
-        cells["covariance"] = None if covariance is None else covariance.ravel().tolist()
-        numbers |= _figures(row.model, shape)
-    return cells | {name: value for name, value in numbers.items() if math.isfinite(value)}
+def cells_of(shape: Shape, model: Model | RowModel | None, **known: Any) -> dict[str, Any]:
+    """Return the cells of a rig by column as a JSON object, without unknown numbers, and the JSON of its model."""
+    cells: dict[str, Any] = {"samples": 0, "rejected": 0, "rejected_why": "", "notes": "", **known}
+    if model is not None:
+        text = json.dumps(json.loads(model.to_json()), ensure_ascii=False)  # in one line
+        covariance = None if model.covariance is None else model.covariance.ravel().tolist()
+        cells |= {"model": text, "covariance": covariance, **_figures(model, shape)}
+    cells = {name: printable(value) if isinstance(value, str) else value for name, value in cells.items()}
+    return {name: value for name, value in cells.items() if not isinstance(value, float) or math.isfinite(value)}
 
 
 def _figures(model: Model | RowModel, shape: Shape) -> dict[str, float]:
@@ -291,16 +253,15 @@ def _figures(model: Model | RowModel, shape: Shape) -> dict[str, float]:
     if not model.parameters.any():
         return {"dt": model.dt}
     found = dict(zip(shape.names, model.parameters.tolist(), strict=True))
-    plants, known = (
-        (model.transfer_functions, model.uncertainty) if isinstance(model, RowModel)
-        else ((model.transfer_function,), None if model.uncertainty is None else (model.uncertainty,))
-    )  # fmt: skip
+    if isinstance(model, RowModel):
+        plants, known = model.transfer_functions, model.uncertainty
+    else:
+        plants, known = (model.transfer_function,), None if model.uncertainty is None else (model.uncertainty,)
     if known is not None:
         stds = np.concatenate([each.std for each in known]).tolist()
         found |= {f"{name}_std": std for name, std in zip(shape.names, stds, strict=True)}
-        found |= {
-            f"dc_gain_std{end}": each.dc_gain_std for (_, end, _), each in zip(shape.branches, known, strict=True)
-        }
+        gain_stds = zip(shape.branches, known, strict=True)
+        found |= {f"dc_gain_std{end}": each.dc_gain_std for (_, end, _), each in gain_stds}
     for plant, (_, end, _) in zip(plants, shape.branches, strict=True):
         poles = sorted(plant.poles.tolist(), key=lambda pole: (abs(pole), pole.real, pole.imag))
         for k, pole in enumerate(map(complex, poles), 1):

@@ -23,7 +23,7 @@ from replant.fitting.model import Model
 from replant.fitting.samples import Samples
 from replant.fleet.catalogue import is_parquet
 from replant.fleet.job import Job, Rig, printable
-from replant.fleet.store import FAILED, Movement, Row, cells_of
+from replant.fleet.store import FAILED, cells_of
 from replant.logs import Recording, Table, open_recording, read_columns
 from replant.logs.arrow import first_stamp, read_row_groups
 from replant.logs.recording import MOST_HELD, joined
@@ -35,47 +35,57 @@ from replant.online.runs.run import run_source
 from replant.online.runs.run_log import run_row
 
 
-def identify(rig: Rig, job: Job) -> Row:
-    """Identify a rig; a rig that cannot be identified gives a row, too."""
+def carry_out(job: Job, rigs: Sequence[Rig]) -> list[dict[str, Any]]:
+    """Identify the rigs of a task, and return the cells of each; executors call this function."""
+    return [identify(rig, job) for rig in rigs]
+
+
+def identify(rig: Rig, job: Job) -> dict[str, Any]:
+    """Return the cells of a rig, and the time in s that it took; a rig that cannot be identified has cells, too."""
     begun = time.perf_counter()
     try:
-        row = _identified(rig, job)
+        cells = _identified(rig, job)
     except MemoryError as error:
         raise SystemRefusedError(f"rig {rig.name}: {refusal(error)}, or use the method run") from error
     except SystemRefusedError:
         raise
     except Exception as error:  # a failure of one rig must not stop the others
         reason = str(error) if isinstance(error, ReplantError) else f"unexpected {type(error).__name__}: {error}"
-        row = Row(rig.name, FAILED, (" ".join(reason.split()),), rig.pieces[0].name, len(rig.pieces))
-    return dataclasses.replace(row, seconds=time.perf_counter() - begun)
+        about = {"reasons": " ".join(reason.split()), "source": rig.pieces[0].name, "files": len(rig.pieces)}
+        cells = cells_of(job.shape, None, rig=rig.name, verdict=FAILED, **about)
+    return cells | {"seconds": time.perf_counter() - begun}
 
 
-def _identified(rig: Rig, job: Job) -> Row:
+def _identified(rig: Rig, job: Job) -> dict[str, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the notes have the readers' warnings
         recording = opened(rig, job)
         result = result_of(recording, job)
-    verdict, begin = result.verdict, begin_of(rig, recording, job)
-    stretch = (recording.samples - 1) * recording.dt
+    begin, stretch = begin_of(rig, recording, job), (recording.samples - 1) * recording.dt
     if isinstance(result, Result) and result.clock is not None and result.clock.irregular:
         stretch = float(result.clock.at(recording.samples - 1))
     elif isinstance(result, RowFit) and recording.held is not None and recording.held.stamps is not None:
         stretch = float(recording.held.stamps[-1] - recording.held.stamps[0])
+    first = min(rig.pieces, key=lambda piece: piece.name)
     notes = (*recording.table.notes, *((recording.irregularity,) if recording.irregular else ()))
-    of = tuple(sorted(rig.pieces, key=lambda piece: piece.name))
-    return Row(
-        rig.name,
-        verdict.status,
-        verdict.reasons,
-        of[0].name,
-        len({piece.path for piece in of}),
+    stds, output_std, output_held = movement_of(recording)
+    return cells_of(
+        job.shape,
         _named(result.model, recording),
-        result.samples,
-        tuple(result.rejected.items()),
-        begin,
-        begin + stretch,
-        movement_of(recording),
-        tuple(" ".join(note.replace(f"{Path(of[0].path).parent}/", "").split()) for note in notes),
+        rig=rig.name,
+        verdict=result.verdict.status,
+        reasons="; ".join(result.verdict.reasons),
+        source=first.name,
+        files=len({piece.path for piece in rig.pieces}),
+        notes="; ".join(" ".join(note.replace(f"{Path(first.path).parent}/", "").split()) for note in notes),
+        samples=result.samples,
+        rejected=sum(result.rejected.values()),
+        rejected_why=", ".join(f"{count} {why}" for why, count in result.rejected.items() if count),
+        begin=begin,
+        end=begin + stretch,
+        output_std=output_std,
+        output_held=output_held,
+        **{f"input_std{end}": std for (_, end, _), std in zip(job.shape.branches, stds, strict=True)},
     )
 
 
@@ -111,13 +121,12 @@ def _named(model: Model | RowModel, recording: Recording) -> Model | RowModel:
     return dataclasses.replace(model, provenance=dataclasses.replace(model.provenance, date=""))
 
 
-def carry_out(job: Job, rigs: Sequence[Rig]) -> list[dict[str, Any]]:
-    """Identify the rigs of a task, and return the cells of each; executors call this function."""
-    return [cells_of(identify(rig, job), job.shape) for rig in rigs]
+def movement_of(recording: Recording) -> tuple[list[float], float, float]:
+    """Return the movement of a record's signals; moments of batches are combined as by Chan, Golub and LeVeque.
 
-
-def movement_of(recording: Recording) -> Movement:
-    """Return the movement of a record's signals; moments of batches are combined as by Chan, Golub and LeVeque."""
+    The standard deviations of the raw inputs and of the output are NaN without a sample.  The last number is the
+    longest stretch over which the output is constant to the bit, as a part of the record.
+    """
     log, last = recording.held, math.nan  # a log of several inputs is held, and comes in one batch
     more = [] if log is None else [log.others[name] for name in log.more_inputs]
     count, mean, sums = np.zeros((3, 2 + len(more)))
@@ -136,7 +145,7 @@ def movement_of(recording: Recording) -> Movement:
             rows, last, now = rows + y.size, float(y[-1]), int(stretches[-1])
             longest = max(longest, *stretches.tolist())
     of_output, *of_inputs = np.sqrt(sums / np.where(count > 0.0, count, np.nan)).tolist()
-    return Movement(tuple(of_inputs), of_output, longest / rows if rows else math.nan)
+    return of_inputs, of_output, longest / rows if rows else math.nan
 
 
 def opened(rig: Rig, job: Job) -> Recording:
