@@ -20,7 +20,7 @@ import pytest
 import replant as rp
 from replant.estimation.settings import Request
 from replant.live.streams import Batch
-from replant.live.streams.line_parser import MAGIC, LineSplitter, Parser, Payloads
+from replant.live.streams.line_parser import MAGIC, LineSplitter, Parser
 from replant.live.streams.reader_thread import Source
 from replant.live.streams.source import UY
 from support.builders import engine_state
@@ -145,11 +145,11 @@ class Wire(Source):
         super().__init__("wire://")
         said = columns if form.bare or columns not in UY.by_width.values() else None
         parser = Parser(self._counts, said)
-        lines, payloads = LineSplitter(self._counts), Payloads(parser, bare=form.bare)
+        lines = LineSplitter(self._counts)
         self._parse = (
             (lambda data: parser.parse(lines.split(data), 0.0))
             if form.lines
-            else lambda data: payloads.parse([data], 0.0)
+            else lambda data: parser.payloads([data], 0.0, bare=form.bare)
         )
         self._blocks = blocks
         self.identifier: rp.Identifier | None = None

@@ -320,7 +320,7 @@ def test_counters_go_on_over_a_resumption(tmp_path: Path) -> None:
         source = FakeSource(u, y)
         source.counters = {"lost": 2}
         session, _ = make(
-            source, path=tmp_path / "rig", progress=None if loaded is None else Progress.of(loaded.progress)
+            source, path=tmp_path / "rig", progress=Progress() if loaded is None else Progress.of(loaded.progress)
         )
         session.run()
         assert session.info.counters == {"lost": 2 * k}

@@ -136,7 +136,7 @@ def make(
     disk_writer = DiskWriter(notices)
     checkpoints = None if path is None else CheckpointWriter(path, every, disk_writer)
     session = Session(
-        source, identifier or rp.Identifier(**vars(REQUEST)), disk_writer=disk_writer, notices=notices,
-        observer=observer, checkpoints=checkpoints, ttl=ttl, **arguments,
+        source=source, identifier=identifier or rp.Identifier(**vars(REQUEST)), disk_writer=disk_writer,
+        notices=notices, observer=observer, checkpoints=checkpoints, ttl=ttl, **arguments,
     )  # fmt: skip
     return session, observer

@@ -58,10 +58,9 @@ class RigClock:
                 self._advance(float(shifted[-1]))
                 self.leaps = np.zeros(t.size, bool)
                 return shifted
-        followed = [(self._one(stamp, dt), self.last) for stamp in t.tolist()]
-        one_by_one = np.array([shifted for shifted, _ in followed])
-        self.leaps = np.array([not shifted <= last for shifted, last in followed])
-        return one_by_one if self.offset else t
+        followed, last = np.array([(self._one(stamp, dt), self.last) for stamp in t.tolist()]).T
+        self.leaps = ~(followed <= last)
+        return followed if self.offset else t
 
     def _one(self, stamp: float, dt: float) -> float:
         shifted = stamp + self.offset if self.offset else stamp
@@ -71,36 +70,29 @@ class RigClock:
             self.last, self.alone = shifted, True
         elif 0.0 < shifted - self.last <= LEAP * dt:
             self._advance(shifted)
-        elif shifted > self.last or self.alone:
-            return self._follow_leap(stamp, shifted, dt)
-        elif shifted < self.last - BACK:
-            return self._follow_step_back(stamp, shifted, dt)
+        elif self.alone or not self.last - BACK <= shifted <= self.last:
+            candidate, self.candidate = self.candidate, stamp
+            if candidate is not None and candidate < stamp:
+                return self._confirm(candidate, stamp, dt)
         return shifted
 
     def _advance(self, shifted: float) -> None:
         self.last, self.candidate, self.alone = shifted, None, False
 
-    def _follow_leap(self, stamp: float, shifted: float, dt: float) -> float:
-        """Handle a stamp that leaps ahead, or does not follow the very first one; it counts when it is confirmed."""
-        candidate, self.candidate = self.candidate, stamp
-        if candidate is not None:
-            leapt = candidate + self.offset - self.last
-            if leapt > 0.0 or self.alone:
-                ahead = stamp - candidate > 0.0
-                if ahead and stamp - candidate <= LEAP * dt:
-                    self._advance(shifted)
-                elif ahead and stamp - candidate <= 2.0 * leapt:  # a slow rig: each of its stamps leaps
-                    self.last, self.alone = candidate + self.offset, False
+    def _confirm(self, candidate: float, stamp: float, dt: float) -> float:
+        """Return the rig time of a stamp; if it confirms the candidate, which leapt or was set back, follow both."""
+        shifted, step = stamp + self.offset if self.offset else stamp, stamp - candidate
+        leapt = candidate + self.offset - self.last
+        if self.alone or shifted > self.last:
+            if (self.alone or leapt > 0.0) and step <= LEAP * dt:
+                self._advance(shifted)
+            elif (self.alone or leapt > 0.0) and step <= 2.0 * leapt:  # a slow rig: each of its stamps leaps
+                self.last, self.alone = candidate + self.offset, False
+        elif leapt <= 0.0 and step <= LEAP * dt:  # the clock was set back
+            self.offset = self.last + 2.0 * GAP * dt - stamp
+            self._advance(stamp + self.offset)
+            return self.last
         return shifted
-
-    def _follow_step_back(self, stamp: float, shifted: float, dt: float) -> float:
-        """Handle a stamp that is far back; if it confirms the previous one, set a new offset."""
-        candidate, self.candidate = self.candidate, stamp
-        if candidate is None or not 0.0 < stamp - candidate <= LEAP * dt or candidate + self.offset > self.last:
-            return shifted
-        self.offset = self.last + 2.0 * GAP * dt - stamp
-        self._advance(stamp + self.offset)
-        return self.last
 
 
 COUNTER = "counter "  # prefix of a counter's name in a checkpoint

@@ -8,7 +8,7 @@ import shlex
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,16 @@ from replant.errors import CheckpointError, DamagedCheckpointError, InvalidArgum
 from replant.live.judge_client import Observer
 from replant.live.judge_process import DashboardAddress, ObserverOptions
 from replant.live.make_view import EstimateHistory, make_view
-from replant.live.outputs.message import UNKNOWN, DiskWriter, EstimateMessage, Notices, ParquetRecorder, time_to_live
-from replant.live.outputs.sinks import Publisher, Sink, open_sink
+from replant.live.outputs.message import (
+    UNKNOWN,
+    DiskWriter,
+    EstimateMessage,
+    Notices,
+    ParquetRecorder,
+    Sink,
+    time_to_live,
+)
+from replant.live.outputs.sinks import Publisher, open_sink
 from replant.live.progress import (
     AnyRequest,
     CheckpointWriter,
@@ -41,31 +49,25 @@ from replant.online.identifier import Identifier
 from replant.verdict.estimate_tests import MOVED_SIGMAS
 
 
+@dataclass(eq=False, kw_only=True)
 class Session:
     """Learns the samples of a source as they arrive, and sends the estimates to the outputs."""
 
-    def __init__(
-        self,
-        source: Source,
-        identifier: Identification,
-        *,
-        disk_writer: DiskWriter,
-        notices: Notices,
-        observer: Observer,
-        sinks: Sequence[Sink] = (),
-        recorder: ParquetRecorder | None = None,
-        checkpoints: CheckpointWriter | None = None,
-        limits: Limits | None = None,
-        progress: Progress | None = None,
-        ttl: float | None = None,
-    ) -> None:
-        self.identifier, self.source = identifier, source
-        self.progress = progress or Progress()
-        self._disk_writer, self._notices, self._observer = disk_writer, notices, observer
-        self._recorder, self._checkpoints = recorder, checkpoints
-        ttl = time_to_live(identifier.dt) if ttl is None else ttl
-        self._publisher = Publisher(sinks, recorder, ttl, notices=notices, on_reader_gone=self.stop)
-        self._limits = limits or Limits()
+    source: Source
+    identifier: Identification
+    disk_writer: DiskWriter
+    notices: Notices
+    observer: Observer
+    sinks: Sequence[Sink] = ()
+    recorder: ParquetRecorder | None = None
+    checkpoints: CheckpointWriter | None = None
+    limits: Limits = field(default_factory=Limits)
+    progress: Progress = field(default_factory=Progress)
+    ttl: float | None = None  # time to live of the estimates in s; None: see `time_to_live`
+
+    def __post_init__(self) -> None:
+        ttl = time_to_live(self.identifier.dt) if self.ttl is None else self.ttl
+        self._publisher = Publisher(self.sinks, self.recorder, ttl, notices=self.notices, on_reader_gone=self.stop)
         self._throughput = Throughput()
         self._learned = False  # whether samples were learned since the last handover to the observer
         self._inconsistent = False  # whether the identifier may hold samples that the progress does not count
@@ -92,7 +94,7 @@ class Session:
                 self._finish()
         finally:  # every receiver must learn that no estimate follows, however the session ends
             self._publisher.end()
-        return self._verdict == "trusted" or not self._limits.until_trusted
+        return self._verdict == "trusted" or not self.limits.until_trusted
 
     def stop(self) -> None:
         """End the session once the samples that have arrived are learned; from any thread or a signal handler."""
@@ -115,13 +117,13 @@ class Session:
             self._serve_outputs(time.monotonic())
             seconds = time.monotonic() - start
             trusted = self._verdict == "trusted"
-            if self._limits.reached(seconds=seconds, samples=self.progress.taken, trusted=trusted):
+            if self.limits.reached(seconds=seconds, samples=self.progress.taken, trusted=trusted):
                 break
         self.source.close()
 
     def _learn_batch(self, batch: Batch) -> None:
         """Learn the samples of a batch, up to the limit on samples."""
-        left = self._limits.left(self.progress.taken)
+        left = self.limits.left(self.progress.taken)
         batch = batch if left is None else batch.select(slice(0, left))
         if not len(batch):
             return
@@ -136,8 +138,8 @@ class Session:
             self._publisher.accepted()
         rig_time = self.progress.advance(batch, t, self.identifier.dt)
         self._inconsistent = False
-        if self._recorder is not None:
-            self._recorder.add_samples(batch.sequence, rig_time, batch.u, batch.y, batch.r)
+        if self.recorder is not None:
+            self.recorder.add_samples(batch.sequence, rig_time, batch.u, batch.y, batch.r)
         self._learned = True
         self._throughput.count(len(batch), batch.arrived)
         self._publisher.mark()
@@ -157,28 +159,28 @@ class Session:
         before = self.progress.clock.offset
         t = self.progress.clock.follow(stamps, self.identifier.dt)
         if self.progress.clock.offset != before:
-            self._observer.show("replant: the device's clock was set back: the filters restart, the estimate is kept")
+            self.observer.show("replant: the device's clock was set back: the filters restart, the estimate is kept")
         return t
 
     # --- everything besides learning
 
     def _serve_outputs(self, now: float) -> None:
         """Obey commands, send the estimate, hand the state to the observer, and write a checkpoint if one is due."""
-        for name in self._observer.poll():
+        for name in self.observer.poll():
             self._obey(name)
         if self.source.trouble:
-            self._notices.say("source", f"replant: {self.source.name}: {self.source.trouble}; trying again")
+            self.notices.say("source", f"replant: {self.source.name}: {self.source.trouble}; trying again")
         self._update_verdict()
         with self._refusals_reported("estimates"):
             self._publisher.send(self._estimate)
         with self._refusals_reported("observer"):
-            if self._observer.hand_over(self.identifier, self.info, learned=self._learned):
+            if self.observer.hand_over(self.identifier, self.info, learned=self._learned):
                 self._learned = False
                 self._throughput.reset_lag()
-        if self._checkpoints is not None and self._checkpoints.is_due(now):
+        if self.checkpoints is not None and self.checkpoints.is_due(now):
             with self._refusals_reported("checkpoint"):
                 self._flush_record()  # the record on the disk must reach as far as the checkpoint
-                self._checkpoints.submit(self.identifier, self.progress.with_counters(self.source.counters))
+                self.checkpoints.submit(self.identifier, self.progress.with_counters(self.source.counters))
 
     @contextmanager
     def _refusals_reported(self, subject: str) -> Iterator[None]:
@@ -189,7 +191,7 @@ class Session:
             reason = refusal(error)
             if reason is None:
                 raise
-            self._notices.say(subject, f"replant: {subject}: {reason}; identification continues")
+            self.notices.say(subject, f"replant: {subject}: {reason}; identification continues")
 
     def _update_verdict(self) -> None:
         """Take the newest verdict on the present model; a changed verdict is sent even if no sample arrives."""
@@ -201,7 +203,7 @@ class Session:
     @property
     def _view(self) -> View | None:
         """The newest view; None if the parameters have changed significantly since, as it then judges another model."""
-        view = self._observer.view
+        view = self.observer.view
         if view is None:
             return None
         with np.errstate(invalid="ignore"):  # infinite if the model has overflowed float64
@@ -209,8 +211,8 @@ class Session:
         return None if moved.any() else view
 
     def _flush_record(self) -> None:
-        if self._recorder is not None:
-            self._recorder.flush()
+        if self.recorder is not None:
+            self.recorder.flush()
 
     def _estimate(self) -> EstimateMessage:
         view, identifier = self._view, self.identifier
@@ -232,10 +234,10 @@ class Session:
         try:
             {"freeze": self.identifier.freeze, "adapt": self.identifier.resume, "reset": self.identifier.reset}[name]()
         except InvalidArgumentError as mistake:
-            self._observer.show(f"replant: {mistake}")
+            self.observer.show(f"replant: {mistake}")
             return
         self._learned = True
-        self._observer.show(f"replant: {name}, requested at the dashboard")
+        self.observer.show(f"replant: {name}, requested at the dashboard")
 
     # --- the end
 
@@ -243,31 +245,31 @@ class Session:
         """Save what was learned, then send the last estimate with its verdict."""
         with self._refusals_reported("record"):
             self._flush_record()
-        self._disk_writer.wait()
+        self.disk_writer.wait()
         with self._refusals_reported("last checkpoint"):
             self._write_last_checkpoint()
         # the last verdict covers all samples; the status "ended", not silence, shows that no sample follows
         with self._refusals_reported("last view"):
-            self._observer.wait_for_view(self.identifier, replace(self.info, silence=0.0))
+            self.observer.wait_for_view(self.identifier, replace(self.info, silence=0.0))
         self._update_verdict()
         with self._refusals_reported("last estimate"):
             self._publisher.send(self._estimate, immediately=True)
         self._publisher.end()
         with self._refusals_reported("record"):
             self._flush_record()
-        self._disk_writer.close()
+        self.disk_writer.close()
 
     def _write_last_checkpoint(self) -> None:
         """Write the last checkpoint, unless the identifier holds samples that the progress does not count."""
-        if self._checkpoints is None:
+        if self.checkpoints is None:
             return
         if self._inconsistent:
-            self._observer.show("replant: no last checkpoint: learning was interrupted; the one before is kept")
+            self.observer.show("replant: no last checkpoint: learning was interrupted; the one before is kept")
             return
         try:
-            self._checkpoints.write_now(self.identifier, self.progress.with_counters(self.source.counters))
+            self.checkpoints.write_now(self.identifier, self.progress.with_counters(self.source.counters))
         except CheckpointError as error:
-            self._observer.show(f"replant: {error}")
+            self.observer.show(f"replant: {error}")
 
 
 M_MMAP_THRESHOLD = -3  # name of the setting in malloc.h [number]
@@ -325,8 +327,8 @@ def run(
         notices = Notices(observer.show)
         disk_writer = DiskWriter(notices)
         session = Session(
-            stream,
-            identifier,
+            source=stream,
+            identifier=identifier,
             disk_writer=disk_writer,
             notices=notices,
             observer=observer,

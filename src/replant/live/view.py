@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -154,7 +154,8 @@ class View(SessionInfo, FromInput):
 
     def to_json(self) -> dict[str, Any]:
         """Return the attributes as JSON values; non-finite numbers become None, complex ones {real, imag}."""
-        return {entry.name: _plain(getattr(self, entry.name)) for entry in fields(self)}
+        plain: dict[str, Any] = _plain(self)
+        return plain
 
 
 def _plain(value: Any) -> Any:
@@ -162,15 +163,11 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
             return [{"real": root.real, "imag": root.imag} for root in value.tolist()]
-        if np.isfinite(value).all():
-            return value.tolist()
-        return _plain(value.tolist())
+        return value.tolist() if np.isfinite(value).all() else _plain(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, Window | Bode | Step | Truth | Rows | FromInput):
+    if is_dataclass(value):
         return {entry.name: _plain(getattr(value, entry.name)) for entry in fields(value)}
-    return value
+    return dict(value) if isinstance(value, Mapping) else value

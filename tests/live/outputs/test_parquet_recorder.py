@@ -55,7 +55,7 @@ def test_estimates_are_recorded_beside_them(tmp_path: Path) -> None:
     for k in range(3):
         values = np.array([k + 0.5, np.nan]), np.array([0.1, np.nan])
         recorder.send(EstimateMessage(k * DT, k, k + 1, ("a0", "b0"), *values, "running", "trusted", excited=k > 0))
-    recorder.close()
+    recorder.flush()
     disk_writer.close()
     frame = pandas.read_parquet(tmp_path / "estimates")
     assert list(frame) == ["t", "n", "samples", "a0", "b0", "std_a0", "std_b0", "status", "verdict", "excited"]

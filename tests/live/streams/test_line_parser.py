@@ -19,7 +19,6 @@ from replant.live.streams.line_parser import (
     MAGIC,
     LineSplitter,
     Parser,
-    Payloads,
     table_from_json,
 )
 from replant.live.streams.source import Batch
@@ -352,16 +351,16 @@ def test_any_payload_is_samples_or_counted(payloads: list[bytes], bare: bool) ->
     counters: Counter[str] = Counter()
     parser = Parser(counters, ("u", "y"))
     for prefix in (b"", MAGIC, MAGIC + b"ntuy", MAGIC + b"uy  "):
-        batch = Payloads(parser, bare=bare).parse([prefix + payload for payload in payloads], 0.0)
+        batch = parser.payloads([prefix + payload for payload in payloads], 0.0, bare=bare)
         assert batch is None or batch.u.shape == batch.y.shape
 
 
 def test_packed_payloads_are_read_and_faulty_ones_counted() -> None:
     counters: Counter[str] = Counter()
-    payloads = Payloads(Parser(counters))
     rows = [(7.0, 0.7, 1.0, 0.25), (8.0, 0.8, 2.0, 0.5)]
     packed = MAGIC + b"ntuy" + b"".join(struct.pack("<4d", *row) for row in rows)
-    batch = payloads.parse([packed, packed[:-1], MAGIC + b"uy  " + packed[8:24], MAGIC + b"uyuy", b"9,0.9,3,1\n"], 0.0)
+    payloads = [packed, packed[:-1], MAGIC + b"uy  " + packed[8:24], MAGIC + b"uyuy", b"9,0.9,3,1\n"]
+    batch = Parser(counters).payloads(payloads, 0.0)
     assert batch is not None
     assert batch.sequence is not None
     assert (batch.sequence.tolist(), batch.y.tolist()) == ([7, 8, 9], [0.25, 0.5, 1.0])
@@ -370,8 +369,8 @@ def test_packed_payloads_are_read_and_faulty_ones_counted() -> None:
 
 def test_bare_doubles_in_the_order_of_the_columns() -> None:
     counters: Counter[str] = Counter()
-    payloads = Payloads(Parser(counters, ("y", "u")), bare=True)
-    batch = payloads.parse([struct.pack("<4d", 1, 2, 3, 4), b"1,2\n", struct.pack("<2d", 5, np.nan)], 0.0)
+    payloads = [struct.pack("<4d", 1, 2, 3, 4), b"1,2\n", struct.pack("<2d", 5, np.nan)]
+    batch = Parser(counters, ("y", "u")).payloads(payloads, 0.0, bare=True)
     assert batch is not None
     assert batch.y.tolist() == [1.0, 3.0, 5.0]
     assert batch.u.tolist()[:2] == [2.0, 4.0]

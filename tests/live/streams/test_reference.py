@@ -14,10 +14,10 @@ import pytest
 from replant.errors import InvalidArgumentError, LogError
 from replant.live.streams import Batch, open_source
 from replant.live.streams.addresses import Address
-from replant.live.streams.line_parser import MAGIC, Parser, Payloads
+from replant.live.streams.line_parser import MAGIC, Parser
 from replant.live.streams.reader_thread import Inbox
 from replant.live.streams.serial_and_network import PipeSource
-from replant.live.streams.source import Numbering
+from replant.live.streams.source import Numbering, joined
 from support.cases import every
 from support.wires import Peer, Reading
 
@@ -75,11 +75,11 @@ def test_an_empty_cell_is_nan_and_text_is_refused() -> None:
 def test_packed_payloads_have_it(letters: bytes) -> None:
     by_name = {"n": N, "t": 0.1 * N, "u": U, "y": Y, "r": R}
     table = np.column_stack([by_name[name] for name in letters.decode().strip()])
-    batch = Payloads(Parser(Counter())).parse([MAGIC + letters + table.astype("<f8").tobytes()], arrived=0.0)
+    batch = Parser(Counter()).payloads([MAGIC + letters + table.astype("<f8").tobytes()], arrived=0.0)
     assert batch is not None
     np.testing.assert_array_equal(batch.r, R)
-    bare = Payloads(Parser(Counter(), ("n", "t", "u", "y", "r")), bare=True)
-    batch = bare.parse([np.column_stack([N, 0.1 * N, U, Y, R]).astype("<f8").tobytes()], arrived=0.0)
+    bare = Parser(Counter(), ("n", "t", "u", "y", "r"))
+    batch = bare.payloads([np.column_stack([N, 0.1 * N, U, Y, R]).astype("<f8").tobytes()], arrived=0.0, bare=True)
     assert batch is not None
     np.testing.assert_array_equal(batch.r, R)
 
@@ -87,8 +87,8 @@ def test_packed_payloads_have_it(letters: bytes) -> None:
 def test_a_batch_keeps_it() -> None:
     batch = Batch(U, Y, None, N, 0.0, R)
     np.testing.assert_array_equal(batch.select(np.array([0, 2])).r, R[[0, 2]])
-    np.testing.assert_array_equal(batch.followed_by(batch).r, np.tile(R, 2))
-    assert Batch(U, Y, None, N, 0.0).followed_by(Batch(U, Y, None, N, 0.0)).r is None
+    np.testing.assert_array_equal(joined([batch, batch]).r, np.tile(R, 2))
+    assert joined([Batch(U, Y, None, N, 0.0)] * 2).r is None
 
 
 def test_through_a_ring_that_wraps() -> None:

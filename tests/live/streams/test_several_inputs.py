@@ -12,7 +12,7 @@ import pytest
 
 from replant.errors import InvalidArgumentError
 from replant.live.streams import Batch, Signals, open_source
-from replant.live.streams.line_parser import MAGIC, Parser, Payloads
+from replant.live.streams.line_parser import MAGIC, Parser
 from replant.live.streams.reader_thread import Inbox
 from replant.live.streams.source import Numbering
 from support.cases import every
@@ -91,10 +91,10 @@ def test_faulty_lines_are_counted_and_the_others_used() -> None:
 
 def test_packed_payloads_with_letters_as_names_and_without_a_header() -> None:
     table = np.column_stack([U, Y]).astype("<f8").tobytes()
-    of_letters = Payloads(Parser(Counter(), None, Signals(("v", "w"), "y")))
-    np.testing.assert_array_equal(of_letters.parse([MAGIC + b"vwy " + table], 0.0).u, U)
-    bare = Payloads(Parser(Counter(), HEATERS.names, HEATERS), bare=True)
-    np.testing.assert_array_equal(bare.parse([table], 0.0).u, U)
+    of_letters = Parser(Counter(), None, Signals(("v", "w"), "y"))
+    np.testing.assert_array_equal(of_letters.payloads([MAGIC + b"vwy " + table], 0.0).u, U)
+    bare = Parser(Counter(), HEATERS.names, HEATERS)
+    np.testing.assert_array_equal(bare.payloads([table], 0.0, bare=True).u, U)
 
 
 def test_the_inbox_and_the_numbering_keep_rows_together() -> None:

@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -97,6 +97,24 @@ class EstimateMessage:
         return json.dumps(fields, separators=(",", ":"), allow_nan=False).encode()
 
 
+class Sink(Protocol):
+    """A receiver of estimates.  `send` must not block; only one thread at a time calls it."""
+
+    name: str
+    #: Least time between two estimates in s; estimates in between are skipped, except the newest one.
+    interval: float
+    #: Whether the receiver lacks the newest estimate, which must be sent again: the receiver is slow, was disconnected,
+    #: or has just connected.
+    behind: bool = False
+
+    def send(self, estimate: EstimateMessage) -> None:
+        """Send the estimate, or skip it and set `behind`, or raise OSError with the reason."""
+
+    def close(self) -> None:
+        """Send queued messages, and close the connection; by default do nothing."""
+        return
+
+
 MOST_WAITING = 16  # most jobs in the queue of the disk [count]
 
 
@@ -157,12 +175,11 @@ PART = "part-{:08d}.parquet"
 Samples = tuple[npt.NDArray[np.int64] | None, dict[str, FloatArray]]  # the device's numbers, and the columns
 
 
-class ParquetRecorder:
+class ParquetRecorder(Sink):
     """Records samples in FOLDER/samples (n, t, the signals, r) and estimates in FOLDER/estimates."""
 
     name = "record"
     interval = 0.1  # least real time between two recorded estimates, in s
-    behind = False  # as a sink it never lacks the newest estimate
 
     def __init__(self, folder: Path, disk_writer: DiskWriter, signals: Signals = UY, *, go_on: bool = False) -> None:
         if importlib.util.find_spec("pyarrow") is None:
@@ -189,10 +206,6 @@ class ParquetRecorder:
     def send(self, estimate: EstimateMessage) -> None:
         """Record an estimate."""
         self._estimates.waiting.append(estimate)
-
-    def close(self) -> None:
-        """Queue the writing of the last part."""
-        self.flush()
 
     def flush(self) -> None:
         """Queue the writing of a part with the samples, and of one with the estimates, since the last parts."""

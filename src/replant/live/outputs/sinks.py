@@ -20,10 +20,10 @@ import time
 import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 from replant.errors import InvalidArgumentError
-from replant.live.outputs.message import ENDED, LEAST_TTL, UNKNOWN, WAITING, EstimateMessage, Notices
+from replant.live.outputs.message import ENDED, LEAST_TTL, UNKNOWN, WAITING, EstimateMessage, Notices, Sink
 from replant.live.streams.addresses import NO_PORT, Address, split
 from replant.live.streams.serial_and_network import MQTT_PORT, PAHO
 from replant.logs.table import needed
@@ -36,24 +36,6 @@ KEEPALIVE = 1, 15  # shortest and longest keep-alive interval [s]
 WILL = json.dumps(
     {"trusted": 0, "excited": 0, "ttl": 0.0, "status": ENDED, "verdict": UNKNOWN}, separators=(",", ":")
 ).encode()
-
-
-class Sink(Protocol):
-    """A receiver of estimates.  `send` must not block; only one thread at a time calls it."""
-
-    name: str
-    #: Least time between two estimates in s; estimates in between are skipped, except the newest one.
-    interval: float
-    #: Whether the receiver lacks the newest estimate, which must be sent again: the receiver is slow, was disconnected,
-    #: or has just connected.
-    behind: bool = False
-
-    def send(self, estimate: EstimateMessage) -> None:
-        """Send the estimate, or skip it and set `behind`, or raise OSError with the reason."""
-
-    def close(self) -> None:
-        """Send queued messages, and close the connection; by default do nothing."""
-        return
 
 
 class LineSink(Sink):

@@ -6,17 +6,14 @@ import contextlib
 import importlib
 import math
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 from replant.errors import InvalidArgumentError, LogError
 from replant.live.streams.reader_thread import Source
 from replant.live.streams.source import UY, Columns, Signals
-
-N = TypeVar("N", int, float)
 
 
 @dataclass(frozen=True)
@@ -51,25 +48,16 @@ class Address:
         self.check(self.port is not None, "port")
         return self.host, self.port or 0
 
-    def whole(self, option: str, default: int, *, least: int) -> int:
-        """Return an option as a whole number."""
-        what = f"a whole number of at least {least}"
-        found = self._number(option, int, lambda value: value >= least, what, max(default, least))
-        return default if found is None else found
-
-    def positive(self, option: str) -> float | None:
-        """Return an option as a positive number; None if it is not given."""
-        return self._number(option, float, lambda value: 0.0 < value < math.inf, "a positive number", 1)
-
-    def _number(self, option: str, kind: type[N], holds: Callable[[N], bool], what: str, example: int) -> N | None:
-        """Return an option that must be a number for which ``holds`` is true; None if it is not given."""
+    def number(self, option: str, *, least: int | None = None, example: int = 1) -> float | None:
+        """Return an option as a positive number, or as a whole number of at least ``least``; None if not given."""
         text = self.options.get(option)
         if text is None:
             return None
         with contextlib.suppress(ValueError):
-            value = kind(text)
-            if holds(value):
+            value = float(text) if least is None else int(text)
+            if 0.0 < value < math.inf if least is None else value >= least:
                 return value
+        what = "a positive number" if least is None else f"a whole number of at least {least}"
         raise InvalidArgumentError(f"{self.name}: {option} must be {what}, got {text!r}; write {option}={example}")
 
     def one_of(self, option: str, choices: Collection[str], default: str) -> str:

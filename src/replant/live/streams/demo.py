@@ -70,7 +70,7 @@ def open_replay(address: Address, columns: Columns, signals: Signals) -> Played:
     address.allow("input", "output", "reference", "time", "dt", "speed")
     options = address.options
     table = read_columns(Path(address.path))
-    speed, dt = speed_of(address, math.inf), address.positive("dt")
+    speed, dt = speed_of(address, math.inf), address.number("dt")
     if dt is not None and "time" in options:
         raise InvalidArgumentError(f"{address.name}: give either time or dt")
     named = [table.find(options["time"])] if "time" in options else time_candidates(table.names)
@@ -114,7 +114,7 @@ def speed_of(address: Address, default: float) -> float:
     """Return the option ``speed`` of a URL: a positive number, or infinity for ``max``."""
     if address.options.get("speed") == "max":
         return math.inf
-    return address.positive("speed") or default
+    return address.number("speed") or default
 
 
 _LOOP_BLOCK = 1 << 12  # samples simulated at once; seed and block number determine their random signals [samples]
@@ -195,7 +195,7 @@ def open_demo(address: Address, columns: Columns, signals: Signals) -> Played:
     speed = speed_of(address, 1.0)
     address.allow("speed", "seed", "loop")
     looped = address.one_of("loop", LOOPS, "none") == "pi"
-    seed = address.whole("seed", 0, least=0)
+    seed = int(address.number("seed", least=0, example=0) or 0)
 
     def blocks(last: int | None) -> Iterator[tuple[Batch, FloatArray]]:
         at = 0 if last is None else max(last + 1, 0)

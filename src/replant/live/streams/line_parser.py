@@ -25,14 +25,6 @@ class Malformed(Exception):  # noqa: N818 - not an error of the program, but a r
     """A line or message without a valid sample; the text is the reason."""
 
 
-def from_cells(line: str) -> Row:
-    """Parse one line of CSV; a missing cell is NaN, as in a log."""
-    try:
-        return tuple(map(parse_number, line.split(",")))
-    except ValueError:
-        raise Malformed("not a number") from None
-
-
 def check_width(row: Row, width: int) -> None:
     """Check that a row has ``width`` cells."""
     if len(row) != width:
@@ -41,6 +33,8 @@ def check_width(row: Row, width: int) -> None:
 
 def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
     """Parse lines of CSV together, in C; return None if a line is not ``width`` numbers."""
+    if not any(map(str.strip, lines)):  # loadtxt warns about a block without data
+        return None
     try:
         table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
     except ValueError:
@@ -76,7 +70,7 @@ def header_of(line: str, signals: Signals) -> Columns:
     cells = [cell.strip().strip('"') for cell in line.split(",")]
     if not set(signals.names) <= set(cells) or len(set(cells)) < len(cells):
         return None
-    times = time_candidates(cells)
+    times = [k for k in time_candidates(cells) if cells[k] not in signals.names]
     if len(times) == 1 and unit_in_seconds(cells[times[0]]) == 1.0:
         cells[times[0]] = TIME
     return tuple(cells)
@@ -177,6 +171,9 @@ class LineSplitter:
 
 
 FEW = 10  # most lines that are parsed one by one: parsing a block together costs as much as ten lines [lines]
+#: The first bytes of a packed payload; four letters that name its columns follow ("ntuy", "tuyr", "uy  ").
+MAGIC = b"RPL1"
+HEADER = 8  # bytes before the numbers of a packed payload [bytes]
 LARGEST_NUMBER = 2.0**53  # bound up to which float64 represents all whole numbers exactly [number]
 #: The reason under which a row with an invalid number or time stamp is counted.
 REASONS = {NUMBER: "not a sequence number", TIME: "time not finite"}
@@ -205,6 +202,38 @@ class Parser:
             lines.pop()  # empty: the block ended with a line end
         return self._tables(lines)
 
+    def payloads(self, payloads: Sequence[bytes], arrived: float, *, bare: bool = False) -> Batch | None:
+        """Return the samples in payloads: lines; or `MAGIC`, the letters of the columns padded to four, and rows.
+
+        Rows are of little-endian float64; ``bare`` payloads are such rows alone, with all columns.
+        """
+        if not bare and not any(payload.startswith(MAGIC) for payload in payloads):
+            return self.parse(b"\n".join(payloads), arrived)
+        tables: list[FloatArray] = []
+        for payload in payloads:
+            try:
+                is_packed = bare or payload.startswith(MAGIC)
+                tables += [self._unpack(payload, bare=bare)] if is_packed else self.tables(payload)
+            except Malformed as reason:
+                self._counters[str(reason)] += 1
+        return self.batch(tables, arrived)
+
+    def _unpack(self, payload: bytes, *, bare: bool) -> FloatArray:
+        names, numbers = self.columns, payload
+        if not bare:
+            names = tuple(payload[len(MAGIC) : HEADER].decode("ascii", "replace").strip())
+            numbers = payload[HEADER:]
+        is_known = names is not None and self.signals.are_in(names)
+        if names is None or not is_known or not numbers or len(numbers) % (8 * len(names)):
+            raise Malformed("not packed right")
+        table = np.frombuffer(numbers, "<f8").astype(np.float64).reshape(-1, len(names))
+        if self.columns is None:
+            self.set_columns(names)
+            return table
+        if not set(self.columns) <= set(names):
+            raise Malformed("fields missing")
+        return table[:, [names.index(name) for name in self.columns]]
+
     def finish(self, arrived: float) -> Batch | None:
         """Return the sample of the first line if the stream ended before a second line confirmed it."""
         row, self._waiting = self._waiting, None
@@ -232,32 +261,27 @@ class Parser:
                 if name == NUMBER:  # whole, not negative, and exact in float64
                     fine = (values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values))
                 if not fine.all():
-                    self.count(REASONS[name], int(fine.size - fine.sum()))
+                    self._counters[REASONS[name]] += int(fine.size - fine.sum())
                     table = table[fine]
         return table
-
-    def count(self, reason: str, samples: int = 1) -> None:
-        """Count lines or samples that were refused."""
-        self._counters[reason] += samples
 
     def set_columns(self, columns: tuple[str, ...]) -> None:
         """Set the columns; a waiting first line of CSV has other columns, and is counted as refused."""
         self.columns = columns
         if self._waiting is not None:
-            self.count("fields missing")
+            self._counters["fields missing"] += 1
             self._waiting = None
 
     def _tables(self, lines: list[str]) -> list[FloatArray]:
         """Return the rows of lines; a block with a faulty line is halved until few lines remain to parse singly."""
         if self.columns is None or len(lines) <= FEW:
             return self._each(lines)
-        if lines[0].startswith("{"):
-            table = table_from_json(lines, self.columns)
-            return self._each(lines) if table is None else [table]
-        if any(map(str.strip, lines)):  # loadtxt warns about a block without data
-            table = table_from_cells(lines, len(self.columns))
-            if table is not None:
-                return [table]
+        is_json = lines[0].startswith("{")
+        table = table_from_json(lines, self.columns) if is_json else table_from_cells(lines, len(self.columns))
+        if table is not None:
+            return [table]
+        if is_json:
+            return self._each(lines)
         middle = len(lines) // 2
         return self._tables(lines[:middle]) + self._tables(lines[middle:])
 
@@ -268,7 +292,7 @@ class Parser:
             try:
                 rows += self._line(line.strip())
             except Malformed as reason:
-                self.count(str(reason))
+                self._counters[str(reason)] += 1
         return [np.array(rows)] if rows else []
 
     def _line(self, line: str) -> list[Row]:
@@ -278,7 +302,10 @@ class Parser:
         if header is not None:
             self.set_columns(header)
             return []
-        row = from_cells(line)
+        try:
+            row = tuple(map(parse_number, line.split(",")))  # a missing cell is NaN, as in a log
+        except ValueError:
+            raise Malformed("not a number") from None
         if self.columns is not None:
             check_width(row, len(self.columns))
             return [row]
@@ -301,48 +328,3 @@ class Parser:
         if self.columns is None and rows and columns:
             self.set_columns(columns)
         return rows
-
-
-#: The first bytes of a packed payload; four letters that name its columns follow ("ntuy", "tuyr", "uy  ").
-MAGIC = b"RPL1"
-HEADER = 8  # bytes before the numbers of a packed payload [bytes]
-
-
-class Payloads:
-    """Parses payloads: lines; or `MAGIC`, the columns' letters padded to four, and rows of little-endian float64."""
-
-    def __init__(self, parser: Parser, *, bare: bool = False) -> None:
-        self._parser = parser
-        self._bare = bare
-
-    def parse(self, payloads: Sequence[bytes], arrived: float) -> Batch | None:
-        """Return the samples in payloads; None if there are none."""
-        if not self._bare and not any(payload.startswith(MAGIC) for payload in payloads):
-            return self._parser.parse(b"\n".join(payloads), arrived)
-        tables: list[FloatArray] = []
-        for payload in payloads:
-            if self._bare or payload.startswith(MAGIC):
-                try:
-                    tables.append(self._unpack(payload))
-                except Malformed as reason:
-                    self._parser.count(str(reason))
-            else:
-                tables += self._parser.tables(payload)
-        return self._parser.batch(tables, arrived)
-
-    def _unpack(self, payload: bytes) -> FloatArray:
-        names, numbers = self._parser.columns, payload
-        if not self._bare:
-            names = tuple(payload[len(MAGIC) : HEADER].decode("ascii", "replace").strip())
-            numbers = payload[HEADER:]
-        is_known = names is not None and self._parser.signals.are_in(names)
-        if names is None or not is_known or not numbers or len(numbers) % (8 * len(names)):
-            raise Malformed("not packed right")
-        table = np.frombuffer(numbers, "<f8").astype(np.float64).reshape(-1, len(names))
-        columns = self._parser.columns
-        if columns is None:
-            self._parser.set_columns(names)
-            return table
-        if not set(columns) <= set(names):
-            raise Malformed("fields missing")
-        return table[:, [names.index(name) for name in columns]]

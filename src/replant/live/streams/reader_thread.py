@@ -8,13 +8,12 @@ import socket
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
-from replant.live.streams.source import Batch, Numbering
+from replant.live.streams.source import Batch, Numbering, joined
 from replant.numerics.operating_system import Worker
 
 
@@ -64,62 +63,53 @@ EMPTY = np.empty(0)
 
 
 class Inbox:
-    """A ring buffer of samples, of constant size; samples that arrived one by one are returned together."""
+    """A queue of samples of bounded size; samples that arrived one by one are joined."""
 
     def __init__(self, capacity: int = CAPACITY, *, drop: bool) -> None:
         self._capacity = capacity
         self._drop = drop
-        self._ring: dict[str, np.ndarray[Any, Any]] = {}
-        self._head = 0
+        self._parts: deque[Batch] = deque()  # the oldest first
         self._size = 0
         self._changed = threading.Condition()
         self._abandoned = False
         self._failure: BaseException | None = None
-        self.ended = False  # no sample follows; those in the buffer can still be read
+        self.ended = False  # no sample follows; those in the queue can still be read
 
     def put(self, batch: Batch) -> int:
         """Append samples; return the number of dropped samples.  All batches must have the same fields."""
-        samples, done, dropped = len(batch), 0, 0
-        if not samples:
-            return 0
+        dropped = 0
         with self._changed:
-            if not self._ring:
-                for name, signal in (batch.signals | {"arrived": EMPTY}).items():
-                    self._ring[name] = np.empty((self._capacity, *signal.shape[1:]), signal.dtype)
-            if self._drop:
-                done = max(samples - self._capacity, 0)
-                over = max(self._size + samples - done - self._capacity, 0)
-                self._remove(over)
-                dropped = done + over
-            while done < samples and not self._abandoned:
-                part = min(self._capacity - self._size, samples - done)
-                self._append(batch, done, part)
-                done += part
-                self._changed.notify_all()
-                if done < samples:
+            while len(batch) and not self._abandoned:
+                part = batch if self._drop else batch.select(slice(0, self._capacity - self._size))
+                if len(part):
+                    self._parts.append(part)
+                    self._size += len(part)
+                    # few parts, each longer than the next, so that samples that come one by one are joined in time
+                    while len(self._parts) > 1 and len(self._parts[-2]) <= len(self._parts[-1]) < LARGEST_BATCH:
+                        newest = self._parts.pop()
+                        self._parts[-1] = joined([self._parts[-1], newest])
+                    self._changed.notify_all()
+                batch = batch.select(slice(len(part), None))
+                if len(batch):
                     self._changed.wait()
+            if self._drop:
+                dropped = max(self._size - self._capacity, 0)
+                self._take(dropped)
         return dropped
 
     def get(self, timeout: float) -> Batch:
-        """Return the samples in the buffer, the oldest first; an empty batch if none came within ``timeout`` s."""
+        """Return the samples in the queue, the oldest first; an empty batch if none came within ``timeout`` s."""
         with self._changed:
             if not self._size and not self.ended:
                 self._changed.wait(timeout)
             if self.ended and not self._size and self._failure is not None:
                 raise self._failure
-            count = min(self._size, self._capacity - self._head, LARGEST_BATCH)
-            if not count:
-                return Batch(EMPTY, EMPTY, arrived=time.monotonic())
-            taken: dict[str, Any] = {
-                name: column[self._head : self._head + count].copy() for name, column in self._ring.items()
-            }
-            self._remove(count)
+            taken = self._take(LARGEST_BATCH)
             self._changed.notify_all()
-        arrived = float(taken.pop("arrived")[-1])
-        return Batch(**taken, arrived=arrived)
+        return joined(taken) if taken else Batch(EMPTY, EMPTY, arrived=time.monotonic())
 
     def end(self, failure: BaseException | None = None) -> None:
-        """Mark the end of the stream; `get` raises ``failure`` once the buffer is empty."""
+        """Mark the end of the stream; `get` raises ``failure`` once the queue is empty."""
         with self._changed:
             self.ended, self._failure = True, failure
             self._changed.notify_all()
@@ -133,15 +123,18 @@ class Inbox:
     def __len__(self) -> int:
         return self._size
 
-    def _append(self, batch: Batch, done: int, count: int) -> None:
-        places = (self._head + self._size + np.arange(count)) % self._capacity
-        for name, ring in self._ring.items():
-            ring[places] = batch.arrived if name == "arrived" else getattr(batch, name)[done : done + count]
-        self._size += count
-
-    def _remove(self, count: int) -> None:
-        self._size -= count
-        self._head = (self._head + count) % self._capacity if self._size else 0
+    def _take(self, count: int) -> list[Batch]:
+        """Remove the ``count`` oldest samples, or all of them."""
+        taken: list[Batch] = []
+        while count and self._parts:
+            part = self._parts.popleft()
+            if len(part) > count:
+                self._parts.appendleft(part.select(slice(count, None)))
+                part = part.select(slice(0, count))
+            taken.append(part)
+            count -= len(part)
+            self._size -= len(part)
+        return taken
 
 
 TICK = 0.1  # time without samples after which an empty batch is returned [s]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import socket
 import sys
 import time
@@ -16,7 +17,7 @@ from typing import Any
 
 from replant.errors import InvalidArgumentError
 from replant.live.streams.addresses import SCHEMES, Address
-from replant.live.streams.line_parser import LineSplitter, Parser, Payloads
+from replant.live.streams.line_parser import LineSplitter, Parser
 from replant.live.streams.reader_thread import BACKOFF, Source
 from replant.live.streams.source import UY, Columns, Signals
 from replant.logs.table import needed
@@ -122,7 +123,7 @@ class SerialSource(Wire):
         super().__init__(address, columns, signals)
         port = address.path or address.host.upper()  # the host of serial://COM3 is the port
         address.check(port, "port")
-        self._port_and_baud = port, address.whole("baud", BAUD, least=1)
+        self._port_and_baud = port, int(address.number("baud", least=1, example=BAUD) or BAUD)
         try:
             self._unread = self._open()
         except PORT_ERRORS as error:
@@ -228,7 +229,7 @@ class UdpSource(Wire):
             raise InvalidArgumentError(
                 f"{address.name}: format=doubles needs columns; add &columns=t,{','.join(signals.names)}"
             )
-        self._payloads = Payloads(self._parser, bare=bare)
+        self._bare = bare
         self._socket = self._unread = listen(address)
         self.port: int = self._socket.getsockname()[1]
 
@@ -237,7 +238,7 @@ class UdpSource(Wire):
             self._connected()
             while not self._stop.requested:
                 if self._stop.wait_readable(self._socket, 60.0):
-                    self._deliver(self._payloads.parse(self._received(), time.monotonic()))
+                    self._deliver(self._parser.payloads(self._received(), time.monotonic(), bare=self._bare))
 
     def _received(self) -> list[bytes]:
         """Return the datagrams that have arrived."""
@@ -273,6 +274,7 @@ def listen(address: Address) -> socket.socket:
 
 
 PAHO = "paho.mqtt.client", "MQTT needs paho-mqtt", "'replant[live]'"  # module, what needs it, and what to install
+TOPIC = re.compile(r"(?:(?:[^/#+]*|\+)/)*(?:[^/#+]*|[+#])", re.DOTALL)  # levels, of which + and # may stand for others
 MQTT_PORT = 1883  # registered port of MQTT [number]
 MQTT_KEEPALIVE = 15  # keep-alive interval of MQTT [s]
 LONGEST_MESSAGE = 1 << 20  # longest message; a longer one is skipped and counted [bytes]
@@ -288,17 +290,13 @@ class MqttSource(Wire):
         super().__init__(address, columns, signals)
         address.check(address.host, "broker")
         address.check(address.path, "topic")
-        *above, last = address.path.split("/")
-        if any("#" in level for level in above) or any(
-            mark in level and level != mark for level in (*above, last) for mark in "#+"
-        ):
+        if not TOPIC.fullmatch(address.path):
             raise InvalidArgumentError(
                 f"{address.name}: + stands for a whole level, # for all that follow; write rig/+"
             )
         self._mqtt = needed(address.name, *PAHO)
         self._address = address
         self._qos = int(address.one_of("qos", ("0", "1"), "0"))
-        self._payloads = Payloads(self._parser)
         self._id = f"replant-{uuid.uuid4().hex[:12]}"
         self._messages: deque[bytes] = deque()
 
@@ -332,7 +330,7 @@ class MqttSource(Wire):
         if self._messages:
             messages = list(self._messages)
             self._messages.clear()
-            self._deliver(self._payloads.parse(messages, time.monotonic()))
+            self._deliver(self._parser.payloads(messages, time.monotonic()))
 
     def _client(self) -> Any:
         client = self._mqtt.Client(self._mqtt.CallbackAPIVersion.VERSION2, self._id, clean_session=self._qos == 0)

@@ -92,12 +92,14 @@ class Batch:
         chosen: dict[str, Any] = {name: signal[rows] for name, signal in self.signals.items()}
         return replace(self, **chosen)
 
-    def followed_by(self, other: Batch) -> Batch:
-        """Return this batch joined with ``other``, which has the same fields."""
-        both: dict[str, Any] = {
-            name: np.concatenate([here, getattr(other, name)]) for name, here in self.signals.items()
-        }
-        return replace(other, **both)
+
+def joined(batches: Sequence[Batch]) -> Batch:
+    """Return batches with the same fields as one, which arrived with the last of them."""
+    last = batches[-1]
+    if len(batches) == 1:
+        return last
+    whole: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in batches]) for name in last.signals}
+    return replace(last, **whole)
 
 
 # after a misread number that is less ahead, the samples up to it are lost as duplicates: at twice the value learning
@@ -152,7 +154,7 @@ class Numbering:
         kept: list[int] = []
         held = None  # index of the candidate's sample in ``batch``
         if self._held is not None:
-            batch, held = self._held.followed_by(batch), 0
+            batch, held = joined([self._held, batch]), 0
         for at, number in enumerate(numbers, start=len(batch) - len(numbers)):
             candidate = self._candidate
             if candidate is not None and not self._continues(number) and self._confirms(candidate, number):
