@@ -15,6 +15,8 @@ import pytest
 import replant as rp
 from replant.live.outputs.message import ENDED, UNKNOWN
 from replant.live.progress import Limits, Progress, resume
+from replant.live.streams.addresses import Address
+from replant.live.streams.serial_and_network import PipeSource
 from replant.online import saving
 from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record
 from support.waiting import PATIENCE, wait_until
@@ -356,3 +358,35 @@ def test_a_checkpoint_of_another_structure_is_refused_in_one_line(tmp_path: Path
         resume(path, type(REQUEST)(**{**vars(REQUEST), "structure": rp.Structure(2)}))
     assert resume(path, REQUEST) is not None
     assert resume(tmp_path / "none", REQUEST) is None
+
+
+def piped(text: str) -> PipeSource:
+    """A source of lines from a pipe that has ended."""
+    end, begin = os.pipe()
+    os.write(begin, text.encode())
+    os.close(begin)
+    return PipeSource(Address("-", ""), file=end)
+
+
+def test_a_session_that_could_read_no_line_ends_with_the_first_one_and_what_was_expected() -> None:
+    session, _ = make(piped("0;1;2\n1;1;2\n"))
+    said = r"^-: no sample could be read; the first line is '0;1;2': not a number; expected u,y or t,u,y or n,t,u,y, or"
+    with pytest.raises(rp.LogError, match=said):
+        session.run()
+    assert session.source.counters == {"not a number": 2}
+
+
+@pytest.mark.parametrize("text", ["", "time;u;y\n1,2\n3,4\n"])
+def test_a_stream_without_lines_or_with_a_title_ends_as_usual(text: str) -> None:
+    session, _ = make(piped(text))
+    assert session.run()
+
+
+def test_while_no_line_can_be_read_the_first_one_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("replant.live.session.PATIENCE", 0.0)
+    session, observer = make(FakeSource(*record(0), endless=True))
+    session.source.refused = "'0;1;2': not a number"
+    threading.Timer(0.2, session.stop).start()
+    with pytest.raises(rp.LogError, match="no sample could be read"):
+        session.run()
+    assert observer.shown == ["replant: fake://: no sample yet; the first line is '0;1;2': not a number"]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from replant.errors import CheckpointError, DamagedCheckpointError, InvalidArgumentError, SystemRefusedError
+from replant.errors import CheckpointError, DamagedCheckpointError, InvalidArgumentError, LogError, SystemRefusedError
 from replant.live.judge_client import Observer
 from replant.live.judge_process import DashboardAddress, ObserverOptions
 from replant.live.make_view import EstimateHistory, make_view
@@ -47,6 +47,8 @@ from replant.numerics.limits import typed_path
 from replant.numerics.operating_system import alone, refusal
 from replant.online.identifier import Identifier
 from replant.verdict.estimate_tests import MOVED_SIGMAS
+
+PATIENCE = 1.0  # time without a sample after which the first refused line is shown [s]
 
 
 @dataclass(eq=False, kw_only=True)
@@ -92,6 +94,8 @@ class Session:
                         f"the session ended after {self.progress.taken:,} samples: {reason}"
                     ) from error
                 self._finish()
+                if self._refused:
+                    raise LogError(f"{self.source.name}: no sample could be read; the first line is {self._refused}")
         finally:  # every receiver must learn that no estimate follows, however the session ends
             self._publisher.end()
         return self._verdict == "trusted" or not self.limits.until_trusted
@@ -116,10 +120,19 @@ class Session:
             self._learn_batch(batch)
             self._serve_outputs(time.monotonic())
             seconds = time.monotonic() - start
+            if seconds > PATIENCE and self._refused:
+                self.notices.say(
+                    "line", f"replant: {self.source.name}: no sample yet; the first line is {self._refused}"
+                )
             trusted = self._verdict == "trusted"
             if self.limits.reached(seconds=seconds, samples=self.progress.taken, trusted=trusted):
                 break
         self.source.close()
+
+    @property
+    def _refused(self) -> str:
+        """The first line that the source refused, while no sample has been read; else empty."""
+        return "" if self.progress.taken else self.source.refused
 
     def _learn_batch(self, batch: Batch) -> None:
         """Learn the samples of a batch, up to the limit on samples."""

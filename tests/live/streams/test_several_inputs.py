@@ -57,6 +57,14 @@ def test_a_header_names_the_columns_in_any_order_and_others_are_left_out(copies:
     np.testing.assert_array_equal(batch.r, np.tile(7.0 + Y, copies))
 
 
+@every(("name", "unit"), [("t [ms]", 1e-3), ("time_us", 1e-6), ("timestamp (min)", 60.0), ("Time [s]", 1.0)])
+@every("copies", [1, 20])
+def test_a_header_may_state_the_unit_of_the_time(name: str, unit: float, copies: int) -> None:
+    batch, counters = read(f"{name},Q1,Q2,T1\n{csv(('t', 'Q1', 'Q2', 'T1'), copies)}")
+    np.testing.assert_array_equal(batch.t, np.tile(0.1 * N, copies) * unit)
+    assert counters == {}
+
+
 @every("header", ["t,u,y", "t,y,u", "y,u,n", "u,t,y", "u,y,r"])
 def test_a_header_may_order_u_and_y_too(header: str) -> None:
     cells = {"t": 0.5, "u": 1.0, "y": 2.0, "n": 3.0, "r": 4.0}

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from replant.errors import shown
 from replant.live.streams.source import NUMBER, REFERENCE, TIME, UY, Batch, Columns, Signals, together
 from replant.logs.sampling_time import time_candidates, unit_in_seconds
 from replant.logs.text_cells import parse_number
@@ -65,15 +66,15 @@ def columns_of(value: Any, signals: Signals) -> Columns:
     return tuple(name for name in signals.fields if name in first)
 
 
-def header_of(line: str, signals: Signals) -> Columns:
-    """Return the columns in a header of CSV, the time column as t; None if a signal is missing."""
-    cells = [cell.strip().strip('"') for cell in line.split(",")]
+def header_of(line: str, signals: Signals) -> tuple[tuple[str, ...], float] | None:
+    """Return the columns in a header of CSV, the time column as t, and its unit in s; None if a signal is missing."""
+    cells, unit = [cell.strip().strip('"') for cell in line.split(",")], 1.0
     if not set(signals.names) <= set(cells) or len(set(cells)) < len(cells):
         return None
     times = [k for k in time_candidates(cells) if cells[k] not in signals.names]
-    if len(times) == 1 and unit_in_seconds(cells[times[0]]) == 1.0:
-        cells[times[0]] = TIME
-    return tuple(cells)
+    if len(times) == 1:
+        cells[times[0]], unit = TIME, unit_in_seconds(cells[times[0]])
+    return tuple(cells), unit
 
 
 def from_json(value: Any, columns: Sequence[str], one: str) -> list[Row]:
@@ -189,6 +190,8 @@ class Parser:
     def __init__(self, counters: Counter[str], columns: Columns = None, signals: Signals = UY) -> None:
         self.columns, self.signals = columns, signals
         self._counters = counters
+        self.refused = ""  # the first line or message without a valid sample, and the reason
+        self._unit = 1.0  # of the time column, in s
         self._waiting: Row | None = None  # the first line of CSV, until a second line confirms its width
 
     def parse(self, block: bytes, arrived: float) -> Batch | None:
@@ -215,7 +218,7 @@ class Parser:
                 is_packed = bare or payload.startswith(MAGIC)
                 tables += [self._unpack(payload, bare=bare)] if is_packed else self.tables(payload)
             except Malformed as reason:
-                self._counters[str(reason)] += 1
+                self._refuse(payload, reason)
         return self.batch(tables, arrived)
 
     def _unpack(self, payload: bytes, *, bare: bool) -> FloatArray:
@@ -248,6 +251,8 @@ class Parser:
             return None
         table = self._valid_rows(np.concatenate(tables) if len(tables) > 1 else tables[0])
         by_name = {name: table[:, column].copy() for column, name in enumerate(self.columns)}
+        if TIME in by_name and self._unit != 1.0:
+            by_name[TIME] *= self._unit
         sequence = by_name[NUMBER].astype(np.int64) if NUMBER in by_name else None
         u = together([by_name[name] for name in self.signals.inputs])
         return Batch(u, by_name[self.signals.output], by_name.get(TIME), sequence, arrived, by_name.get(REFERENCE))
@@ -292,15 +297,20 @@ class Parser:
             try:
                 rows += self._line(line.strip())
             except Malformed as reason:
-                self._counters[str(reason)] += 1
+                self._refuse(line, reason)
         return [np.array(rows)] if rows else []
+
+    def _refuse(self, given: str | bytes, reason: Malformed) -> None:
+        self._counters[str(reason)] += 1
+        self.refused = self.refused or f"{shown(given)}: {reason}"
 
     def _line(self, line: str) -> list[Row]:
         if line[0] in "{[":
             return self._json(line)
         header = header_of(line, self.signals) if self.columns is None else None
         if header is not None:
-            self.set_columns(header)
+            columns, self._unit = header
+            self.set_columns(columns)
             return []
         try:
             row = tuple(map(parse_number, line.split(",")))  # a missing cell is NaN, as in a log

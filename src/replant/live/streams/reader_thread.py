@@ -197,6 +197,11 @@ class Source(ABC):
         """Number of occurrences of each fault, without zeros."""
         return {reason: count for reason, count in dict(self._counts).items() if count}
 
+    @property
+    def refused(self) -> str:
+        """The first line that is not a sample, and what is expected; empty if there is none."""
+        return ""
+
     def _run(self) -> None:
         failure: BaseException | None = None
         try:

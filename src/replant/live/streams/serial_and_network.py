@@ -44,6 +44,14 @@ class Wire(Source):
         if self.state == "connecting" and self._unread is not None:
             self._unread.close()
 
+    @property
+    def refused(self) -> str:
+        """The first line that is not a sample, and what is expected; empty if there is none."""
+        parser = self._parser
+        ways = [parser.columns] if parser.columns else parser.signals.by_width.values()
+        expected = f"expected {' or '.join(map(','.join, ways))}, or JSON objects with these names"
+        return f"{parser.refused}; {expected}" if parser.refused else ""
+
     @abstractmethod
     def _session(self) -> str | None:
         """Connect, and deliver samples until the connection ends; return the reason, None at the end of the stream."""
