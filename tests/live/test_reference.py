@@ -63,7 +63,7 @@ def test_a_session_that_is_resumed_goes_on_with_it(tmp_path: Path) -> None:
         disk = DiskWriter(Notices(print))
         recorder = ParquetRecorder(tmp_path / "record", disk, go_on=go_on)
         identifier = loaded.identifier if loaded else None
-        progress = Progress.of(loaded.progress) if loaded else None
+        progress = Progress.of(loaded.progress) if loaded else Progress()
         source = FakeSource(U[part], Y[part], r=R[part])
         session, _ = make(source, path=path, identifier=identifier, progress=progress, recorder=recorder)
         session.run()

@@ -47,14 +47,6 @@ class ObserverProcess:
         self.knows_state = self.answered = False  # whether it has received an identifier; whether it has ever answered
         self.handed = 0.0  # time of the last handover
 
-    @property
-    def exit_reason(self) -> str:
-        """Why the process ended, as text."""
-        code = self.process.exitcode
-        if code is None:
-            return "its connection was closed"
-        return f"signal {-code}" if code < 0 else f"exit code {code}"
-
     def end(self, wait: float) -> None:
         """Ask the process to end, kill it if it has not ended after ``wait`` s, and close the connection."""
         self.outbox.put(None)
@@ -205,12 +197,13 @@ class Observer:
             self.show(line)
         if time.monotonic() - self._process.start > LONG_LIFE:
             self._pause = PAUSES[0]
-        pause = self._next_pause()
+        pause, code = self._next_pause(), self._process.process.exitcode
+        reason = "its connection was closed" if code is None else f"signal {-code}" if code < 0 else f"exit code {code}"
         self._due = time.monotonic() + pause
         self._restarts += 1
         self._notices.say(
             "observer",
-            f"replant: the process that makes verdict, status and dashboard ended ({self._process.exit_reason}); "
+            f"replant: the process that makes verdict, status and dashboard ended ({reason}); "
             f"it restarts in {pause:.1f} s, and no model is trusted until then",
         )
 

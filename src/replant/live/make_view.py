@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -157,16 +157,11 @@ POINTS = 1200  # points of the window: more than its chart has columns of pixels
 NEWEST = 10.0  # end of a long window that gets a third of the points, as the page can show it alone [s]
 
 
-class _Seen(NamedTuple):
-    """The part of a view that depends on the kind of identifier: of one input or of several."""
-
-    # for each input: label, structure, transfer function and uncertainty
-    branches: tuple[tuple[str, Structure, TransferFunction, Uncertainty], ...]
-    newest: NewestSamples
-    output: FloatArray  # (K,): simulated over the newest samples; NaN where unknown
-    fit: float
-    verdict: Verdict
-    model: dict[str, Any]  # the model to be kept, as JSON
+# the part of a view that depends on the kind of identifier: for each input label, structure, transfer function and
+# uncertainty; the newest samples; the output (K,) simulated over them, NaN where unknown; its fit; the verdict; and the
+# model to be kept, as JSON
+_Branch = tuple[str, Structure, TransferFunction, Uncertainty]
+_Seen = tuple[Sequence[_Branch], NewestSamples, FloatArray, float, Verdict, dict[str, Any]]
 
 
 def _seen(identifier: Identifier, finite: bool, at: float, signals: Signals) -> _Seen:
@@ -186,7 +181,7 @@ def _seen(identifier: Identifier, finite: bool, at: float, signals: Signals) -> 
         if newest.judged.any():
             output, fit = run.output, run.fit
     label = mapped_label(signals.inputs[0], preprocess.input_map)
-    return _Seen(((label, identifier.structure, model, identifier.uncertainty),), newest, output, fit, verdict, kept)
+    return [(label, identifier.structure, model, identifier.uncertainty)], newest, output, fit, verdict, kept
 
 
 def _seen_row(identifier: RowIdentifier, finite: bool, signals: Signals) -> _Seen:
@@ -194,9 +189,9 @@ def _seen_row(identifier: RowIdentifier, finite: bool, signals: Signals) -> _See
     newest, models = newest_of_row(identifier, found), identifier.transfer_functions
     branches = tuple(zip(labels, identifier.structures, models, identifier.uncertainty, strict=True))
     if found is None:
-        return _Seen(branches, newest, np.full(newest.output.size, np.nan), math.nan, identifier.assess(), {})
+        return branches, newest, np.full(newest.output.size, np.nan), math.nan, identifier.assess(), {}
     model = found.model.of_log(labels, signals.output, "")
-    return _Seen(branches, newest, found.output, found.fit, found.verdict, as_object(model))
+    return branches, newest, found.output, found.fit, found.verdict, as_object(model)
 
 
 def make_view(
@@ -215,11 +210,11 @@ def make_view(
         seen = _seen_row(identifier, finite, signals)
     else:
         seen = _seen(identifier, finite, info.at, signals)
-    noise, verdict = identifier.noise, seen.verdict
-    std = np.concatenate([uncertainty.std for *_, uncertainty in seen.branches])
+    branches, newest, output, fit, verdict, model = seen
+    noise, std = identifier.noise, np.concatenate([uncertainty.std for *_, uncertainty in branches])
     history.append(info.at, parameters, std)
-    first, *others = (_from_input(*branch, truth, identifier.dt, finite=finite) for branch in seen.branches)
-    window, inputs = _window(seen.newest, seen.output, info.at)
+    first, *others = (_from_input(*branch, truth, identifier.dt, finite=finite) for branch in branches)
+    window, inputs = _window(newest, output, info.at)
     return View(
         **vars(first),
         **vars(info),
@@ -233,12 +228,12 @@ def make_view(
         verdict=verdict.status,
         excited=verdict.excited,
         reasons=verdict.reasons,
-        simulated=seen.fit,
+        simulated=fit,
         residual_std=math.nan if noise is None else math.sqrt(noise.residual_variance or math.nan),
         output_label=signals.output,
         window=window,
         history=history.rows(),
-        model=seen.model,
+        model=model,
         more_inputs=tuple(view.FurtherInput(**vars(one), u=u) for one, u in zip(others, inputs, strict=True)),
     )
 

@@ -140,12 +140,12 @@ class Progress:
     @classmethod
     def of(cls, entries: ProgressEntries) -> Progress:
         """Return the progress with the entries of a checkpoint, see `with_counters`."""
-        taken, at = _whole(entries, "taken"), _number(entries, "at")
+        taken, at, offset = _whole(entries, "taken"), _number(entries, "at"), _number(entries, "offset")
         sequence = _whole(entries, "sequence", -(2**63)) if "sequence" in entries else None
-        offset, alone = _number(entries, "offset"), bool(_whole(entries, "alone"))
         candidate = _number(entries, "candidate") if "candidate" in entries else None
+        clock = RigClock(at if taken else -np.inf, offset, candidate, bool(_whole(entries, "alone")))
         earlier = {name.removeprefix(COUNTER): _whole(entries, name) for name in entries if name.startswith(COUNTER)}
-        return cls(taken, sequence, RigClock(at if taken else -np.inf, offset, candidate, alone), earlier)
+        return cls(taken, sequence, clock, earlier)
 
 
 def _whole(entries: ProgressEntries, name: str, least: int = 0) -> int:

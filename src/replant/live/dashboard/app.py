@@ -200,26 +200,21 @@ async def stream(hub: Hub, socket: WebSocket) -> None:
         await socket.close(_TRY_LATER, "too many browsers are connected")
         return
     hub.browsers += 1
+    tasks: list[asyncio.Task[Any]] = []
     try:
         await socket.accept()
-        await _converse(hub, socket)
-    finally:
-        hub.browsers -= 1
-
-
-async def _converse(hub: Hub, socket: WebSocket) -> None:
-    views = asyncio.create_task(_send(hub, socket))
-    heard = asyncio.create_task(socket.receive())
-    try:
-        await asyncio.wait({views, heard}, return_when=asyncio.FIRST_COMPLETED)
+        heard = asyncio.create_task(socket.receive())
+        tasks = [asyncio.create_task(_send(hub, socket)), heard]
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         if not heard.done() and hub.ended:
             await socket.close(_OVER, "the session has ended")
         elif heard.done() and heard.result()["type"] == "websocket.receive":
             await socket.close(_POLICY, "messages are not accepted")
     finally:
-        for task in (views, heard):
+        hub.browsers -= 1
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(views, heard, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def _send(hub: Hub, socket: WebSocket) -> None:

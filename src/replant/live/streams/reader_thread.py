@@ -59,6 +59,7 @@ class StopRequest:
 
 CAPACITY = 1 << 17  # capacity of the queue: 0.6 s at 200,000 samples/s, 4 MB [samples]
 LARGEST_BATCH = 1 << 14  # most samples handed over at once [samples]
+MOST_PARTS = 256  # batches held before they are joined [count]
 EMPTY = np.empty(0)
 
 
@@ -79,19 +80,19 @@ class Inbox:
         """Append samples; return the number of dropped samples.  All batches must have the same fields."""
         dropped = 0
         with self._changed:
-            while len(batch) and not self._abandoned:
-                part = batch if self._drop else batch.select(slice(0, self._capacity - self._size))
+            while not self._abandoned:
+                room = len(batch) if self._drop else self._capacity - self._size
+                part = batch if len(batch) <= room else batch.select(slice(0, room))
                 if len(part):
                     self._parts.append(part)
                     self._size += len(part)
-                    # few parts, each longer than the next, so that samples that come one by one are joined in time
-                    while len(self._parts) > 1 and len(self._parts[-2]) <= len(self._parts[-1]) < LARGEST_BATCH:
-                        newest = self._parts.pop()
-                        self._parts[-1] = joined([self._parts[-1], newest])
+                    if len(self._parts) == MOST_PARTS:  # samples that come one by one would need much memory
+                        self._parts = deque([joined(self._parts)])
                     self._changed.notify_all()
-                batch = batch.select(slice(len(part), None))
-                if len(batch):
-                    self._changed.wait()
+                if part is batch:
+                    break
+                batch = batch.select(slice(room, None))
+                self._changed.wait()
             if self._drop:
                 dropped = max(self._size - self._capacity, 0)
                 self._take(dropped)
