@@ -87,10 +87,8 @@ def _groups(file: Any, column: str) -> dict[Key, tuple[list[int], int, bool]]:
         if rows == 0:
             continue
         known = statistics is not None and statistics.has_min_max and statistics.has_null_count
-        if known and statistics.min == statistics.max and statistics.null_count == 0:
-            found[statistics.min].append((group, rows, True))
-            continue
-        for key, count in _counted(file, group, column):
+        is_one = known and statistics.min == statistics.max and statistics.null_count == 0
+        for key, count in [(statistics.min, rows)] if is_one else _counted(file, group, column):
             found[key].append((group, count, count == rows))
     return {
         key: ([group for group, _, _ in of], sum(rows for _, rows, _ in of), all(alone for _, _, alone in of))

@@ -120,20 +120,13 @@ def _called(function: Callable[[T], R], record: T) -> R:
     try:
         return function(record)
     except Exception as error:
-        if parent_process() is None or _travels(error):
+        if parent_process() is None:
             raise
-        raise RuntimeError(
-            f"{type(error).__name__}: {error}"
-        ) from None  # sent as it is, the error would break the pool
-
-
-def _travels(error: Exception) -> bool:
-    """Return whether an error can be pickled and restored; one whose arguments are not its text often cannot."""
-    try:
-        pickle.loads(pickle.dumps(error))
-    except Exception:
-        return False
-    return True
+        try:
+            pickle.loads(pickle.dumps(error))
+        except Exception:  # sent as it is, an error whose arguments are not its text would often break the pool
+            raise RuntimeError(f"{type(error).__name__}: {error}") from None
+        raise
 
 
 def _check_sendable(function: Any, executor: Executor | str | None) -> None:

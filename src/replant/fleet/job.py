@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import re
@@ -238,13 +237,6 @@ def replacing(path: Path) -> Iterator[Path]:
         raise SystemRefusedError(f"{path} cannot be written: {refusal(error)}") from error
 
 
-def clear(folder: Path) -> None:
-    """Remove temporary files of killed writers."""
-    for left in folder.glob(f".*{operating_system.ENDING}"):
-        with contextlib.suppress(OSError):
-            left.unlink(missing_ok=True)
-
-
 def printable(text: str) -> str:
     """Escape the bytes of a file's name that are not UTF-8, as tables require."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
@@ -266,13 +258,6 @@ def job_key(folder: Path) -> str:
         return str(json.loads((folder / ABOUT).read_text(encoding="utf-8"))["job"])
     except (OSError, ValueError, KeyError, TypeError):
         return ""
-
-
-def foreign(folder: Path) -> list[str]:
-    """Return existing names that a fleet would overwrite, in a folder without results of a fleet."""
-    if is_results(folder):
-        return []
-    return [name for name in (TABLE, TIMING, MODELS, REPORTS) if (folder / name).exists()]
 
 
 def report_path(rig: str) -> str:

@@ -23,21 +23,21 @@ from replant.fitting.model import Model
 from replant.fleet.job import (
     ABOUT,
     MODELS,
+    REPORTS,
     STORE,
     TABLE,
     TIMING,
     Job,
     Rig,
     Shape,
-    clear,
     digest,
-    foreign,
+    is_results,
     printable,
     replacing,
     report_path,
 )
 from replant.logs.arrow import CHECKED
-from replant.numerics.operating_system import refusal
+from replant.numerics.operating_system import ENDING, refusal
 
 CHUNK_ROWS = 1 << 14  # rows of a row group of the table [rows]
 PROBE = 1 << 16  # bytes beyond the file's size that are written to find out why it cannot grow [bytes]
@@ -51,7 +51,8 @@ class Store:
             raise MissingDependencyError("the results of a fleet are Parquet files: pip install 'replant[parquet]'")
         self.folder, self.job, self._key = folder.absolute(), job, job.key
         try:
-            others = foreign(self.folder)
+            theirs = () if is_results(self.folder) else (TABLE, TIMING, MODELS, REPORTS)
+            others = [name for name in theirs if (self.folder / name).exists()]
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise SystemRefusedError(f"{folder} cannot be written: {refusal(error)}") from error
@@ -67,7 +68,9 @@ class Store:
         with self._refusals_said():
             self._file = _opened(self.folder / STORE)
         with contextlib.closing(self._file):
-            clear(self.folder)  # only with the lock, as other runs may be writing before
+            for left in self.folder.glob(f".*{ENDING}"):  # by killed writers; others write only with the lock
+                with contextlib.suppress(OSError):
+                    left.unlink(missing_ok=True)
             yield
 
     @contextlib.contextmanager

@@ -167,8 +167,7 @@ def begin_of(rig: Rig, recording: Recording, job: Job) -> float:
     if number in table.in_seconds and all(map(is_parquet, rig.pieces)):
         first = min(first_stamp(piece.row_groups, number) for piece in rig.pieces)
         return first + (job.begin or 0.0)
-    origin = table.origins.get(number, 0) / 1e9
-    log = recording.held
+    origin, log = table.origins.get(number, 0) / 1e9, recording.held
     if log is not None and log.time is not None:
         return origin + float(log.time[0])
     first = _first(table, number) * recording.unit
