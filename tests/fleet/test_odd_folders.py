@@ -13,6 +13,7 @@ import replant as rp
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.job import Job, report_path
+from replant.fleet.page import write_reports
 from replant.fleet.store import Store
 from replant.numerics.operating_system import ENDING
 from support.cases import every
@@ -103,7 +104,10 @@ def test_a_name_that_is_no_text_is_written_out(tmp_path: Path) -> None:
             Path(os.fsdecode(os.fsencode(tmp_path / "logs") + b"/" + kind + b"\xff.csv")).write_bytes(content)
         except OSError:
             pytest.skip("this file system takes UTF-8 alone")
-    found = fitted(tmp_path / "logs", tmp_path / "out")
+    (tmp_path / "logs").rename(logs := Path(os.fsdecode(os.fsencode(tmp_path) + b"/logs\xff")))
+    found = fitted(logs, tmp_path / "out")
+    rp.fleet.write_page(found)
+    assert write_reports(found, 2) == 1
     assert {name: row["verdict"] for name, row in rows_of(found).items()} == {
         r"good\udcff.csv": "trusted", r"bad\udcff.csv": "failed"
     }  # fmt: skip

@@ -119,7 +119,7 @@ def write_page(fleet: Fleet, compare: Fleet | None = None) -> Path:
     )
     path = fleet.folder / PAGE
     with replacing(path) as new:
-        new.write_text(written, encoding="utf-8")
+        new.write_text(written, encoding="utf-8", errors="backslashreplace")
     return path
 
 

@@ -118,7 +118,7 @@ def write_page(path: Path, **parts: Any) -> Path:
     """Write a page into one self-contained file, and return its path."""
     text = page(**parts)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text, encoding="utf-8", errors="backslashreplace")  # a file name may be no text
     return path
 
 
