@@ -73,6 +73,13 @@ def test_a_header_may_order_u_and_y_too(header: str) -> None:
     assert (batch.u.tolist(), batch.y.tolist(), counters) == ([1.0], [2.0], {})
 
 
+def test_an_input_may_be_called_time_beside_the_time() -> None:
+    batch, _ = read("time,y\n1,2\n", signals=Signals(("time",), "y"))
+    assert (batch.u.tolist(), batch.t) == ([1.0], None)
+    batch, _ = read("time,y,t [ms]\n1,2,500\n", signals=Signals(("time",), "y"))
+    assert (batch.u.tolist(), batch.t.tolist()) == ([1.0], [0.5])
+
+
 def test_one_input_may_have_a_name_too() -> None:
     batch, _ = read("speed,volt\n3,1\n4,2\n", signals=Signals(("volt",), "speed"))
     assert (batch.u.tolist(), batch.y.tolist()) == ([1.0, 2.0], [3.0, 4.0])

@@ -8,7 +8,7 @@ import socket
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from replant.errors import InvalidArgumentError, ReplantError, needs, shown
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     import uvicorn
 
     from replant.live.dashboard.app import Hub
+    from replant.live.dashboard.security import Listening
 
 GRACE = 1.0  # timeout for browsers to disconnect [s]
 LEFT_BEHIND = 10.0  # timeout for the end of the server's thread [s]
 PAGES_NEED = "the dashboard needs starlette, uvicorn and websockets"
-S = TypeVar("S", bound=socket.socket)
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
@@ -138,7 +138,7 @@ def _names(host: str) -> tuple[str, ...]:
     return (host, name, f"{name}.local", *_LOOPBACK)
 
 
-def _bound(host: str, port: int, kind: type[S]) -> S:
+def _bound(host: str, port: int, kind: type[Listening]) -> Listening:
     """Return a socket bound in the calling thread, so that an address in use raises its error there."""
     try:
         family, of, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
