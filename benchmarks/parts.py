@@ -31,8 +31,8 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, reference, whitening
 from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance
-from replant.kernels.schema import LAGS, StateArrays
-from replant.kernels.slot_tables import begins, numbers
+from replant.kernels.schema import LAGS, StateSlots
+from replant.kernels.slot_tables import Numbers
 
 CHUNK, REPETITIONS = 2_000, 101
 LIMIT = 1.25
@@ -62,7 +62,7 @@ class Result:
 
 
 @kernel()
-def run_filters(s: StateArrays, u: Reals, y: Reals, targets: Reals):
+def run_filters(s: StateSlots, u: Reals, y: Reals, targets: Reals):
     for k in range(u.size):
         targets[k] = chain.observe(s, u[k], y[k], s.interval)
 
@@ -84,7 +84,7 @@ def run_kalman(
 
 
 @kernel()
-def run_noise_model(s: StateArrays, rows: Matrix, errors: Reals, targets: Reals):
+def run_noise_model(s: StateSlots, rows: Matrix, errors: Reals, targets: Reals):
     T = s.entries
     for k in range(rows.shape[0]):
         for i in range(T):
@@ -95,7 +95,7 @@ def run_noise_model(s: StateArrays, rows: Matrix, errors: Reals, targets: Reals)
 
 
 @kernel()
-def run_reference(s: StateArrays, r: Reals, u: Reals, y: Reals, explained: Reals):
+def run_reference(s: StateSlots, r: Reals, u: Reals, y: Reals, explained: Reals):
     for k in range(u.size):
         reference.carry_on(s.reference.states, s.reference.pole, r[k])
         explained[k] = reference.explained(s.reference, 0)
@@ -114,7 +114,7 @@ def compile_parts(folder: Path) -> ctypes.CDLL:
     slots |= {f"AT_{block.name.upper()}": block.index for block in table.blocks}
     slots |= {"LAGS": at.LAGS, "LAGUERRE": at.LAGUERRE, "REFERENCE_SIZE": reference.SIZE}
     for part, sizes in ((at.NoiseSlots, {"T": 0}), (at.ReferenceSlots, {"L": reference.SIZE})):
-        blocks = begins(part.scalars, part.blocks, numbers(tuple((at.FIXED | sizes).items())))
+        blocks = part.begins(Numbers(at.FIXED | sizes))
         places = {slot.name: slot.index for slot in part.scalars} | blocks
         slots |= {f"{part.__name__.removesuffix('Slots')}_{name}".upper(): place for name, place in places.items()}
     lines = [f"#define {name} {value}" for name, value in slots.items()]

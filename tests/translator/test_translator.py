@@ -24,7 +24,7 @@ from translator.program import Program, entry_kinds
 HEADER = (
     "from __future__ import annotations\nimport math\nimport numpy as np\n"
     "from replant.kernels.native import side_by_side\n"
-    "from replant.kernels.schema import SCALARS, Doubt, StateArrays\nLIMIT = 3\nPAIR = (2, 5)\n"
+    "from replant.kernels.schema import SCALARS, Doubt, StateSlots\nLIMIT = 3\nPAIR = (2, 5)\n"
 )
 
 
@@ -121,7 +121,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     "an attribute": ("def f(x: Reals):\n    return x.T", r"\.T of reals1"),
     "a call of itself": ("def f(x: float):\n    return f(x)", "f calls itself"),
     "a slot that is not there": (
-        "def f(s: StateArrays):\n    return s.alarms",
+        "def f(s: StateSlots):\n    return s.alarms",
         "no slot of StateSlots is called alarms",
     ),
     "another shape of a matrix": ("def f(x: Matrix):\n    return x.reshape(2, 3)[0, 0]", "another shape of reals2"),
@@ -140,7 +140,7 @@ def test_what_cannot_be_translated_is_named_with_file_and_line(source: str, reas
 def test_a_field_is_that_of_a_struct_over_its_array(tmp_path: Path) -> None:
     """Numbers by their names, blocks by a function that cuts them out, an index of a row behind it."""
     text = text_of(
-        "def f(s: StateArrays):\n    s.alarm = Doubt.NONE\n    s.theta[2] = s.error\n    return s.noise.models[1, 2]",
+        "def f(s: StateSlots):\n    s.alarm = Doubt.NONE\n    s.theta[2] = s.error\n    return s.noise.models[1, 2]",
         tmp_path,
     )
     assert "s->ints->alarm = Doubt_NONE;" in text

@@ -194,8 +194,8 @@ def entry_kinds(function: Callable[..., Any]) -> tuple[Kind, ...]:
     kinds: list[Kind] = []
     for argument in tree.args.args:
         text = ast.unparse(argument.annotation) if argument.annotation else ""
-        if text == "StateArrays":
-            kinds.append(Record(function.__globals__[text].__base__))
+        if text == "StateSlots":
+            kinds.append(Record(function.__globals__[text]))
             continue
         if text not in ANNOTATIONS:
             where = f"{inspect.getsourcefile(function)}:{first}"

@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from replant.errors import UnsupportedDependencyError
-from replant.kernels.schema import Attention, StateArrays
+from replant.kernels.schema import Attention, StateSlots
 from replant.kernels.slot_tables import Fields
 
 Ints = np.ndarray[Any, np.dtype[np.int64]]
@@ -73,9 +73,9 @@ class Kernel:
 
     def _fields(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
         """Return the arguments of the Python function: the five arrays of a state become its fields."""
-        if isinstance(arguments[0], Fields) or StateArrays not in self.python.__annotations__.values():
+        if isinstance(arguments[0], Fields) or StateSlots not in self.python.__annotations__.values():
             return arguments
-        return (StateArrays(*arguments[:5]).fields, *arguments[5:])
+        return (StateSlots(*arguments[:5]).fields, *arguments[5:])
 
 
 def kernel(*requirements: str) -> Callable[[Callable[..., Any]], Kernel]:

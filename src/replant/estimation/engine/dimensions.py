@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from replant.estimation.settings import STORED, Request, Settings
-from replant.kernels.schema import ROOM, ROWS, SCALARS, StateSlots, dimensions
-from replant.kernels.slot_tables import Block, Numbers
+from replant.kernels.schema import ROOM, ROWS, StateSlots, dimensions
+from replant.kernels.slot_tables import Numbers, Slot
 from replant.model.structure import Structure
 
 DENSEST = 4.0  # highest rate of samples for which the inputs of the dead time are kept [nominal rates]
@@ -66,13 +67,10 @@ class Dimensions:
         return dimensions(**vars(self))
 
     @property
-    def begins(self) -> dict[Block, int]:
+    def begins(self) -> dict[Slot[Any], int]:
         """The begin of each block in ``reals``."""
-        begins, end, numbers = {}, SCALARS, self.numbers
-        for block in StateSlots.blocks:
-            begins[block] = end
-            end += block.size(numbers)
-        return begins
+        begins = StateSlots.begins(self.numbers)
+        return {block: begins[block.name] for block in StateSlots.blocks}
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -81,7 +79,7 @@ class Dimensions:
 
         return {
             "ints": (ROWS + self.batch_size,),
-            "reals": (SCALARS + sum(block.size(self.numbers) for block in StateSlots.blocks),),
+            "reals": (StateSlots.size(self.numbers),),
             "banks": (3, bank.size(self.order, self.entries)),
             "buffer": (self.capacity, (2 if self.instruments else 1) * self.entries + 2),
             "recent": (self.recent_size, 6 if self.has_reference else 5 if self.examines_output else 3),

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from replant.estimation.engine.dimensions import Dimensions, collects_at_most, e
 from replant.estimation.filters import Filter
 from replant.estimation.settings import Request, Settings
 from replant.kernels.native import Kernel, library
-from replant.kernels.schema import StateArrays
+from replant.kernels.schema import StateSlots
 from replant.kernels.slot_tables import Slot
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
@@ -44,7 +45,7 @@ LONGEST_STEP = 1250  # most samples between two past estimates kept [samples]
 SHORTEST_STEP = 128  # the same if the estimate tracks a changing plant, so that it is soon out of date [samples]
 
 
-class State(StateArrays):
+class State(StateSlots):
     """The kernels' arrays, with a property for each of their slots: see `replant.kernels.schema`."""
 
     __slots__ = ("lane_kind",)
@@ -74,7 +75,7 @@ class State(StateArrays):
         """Return the number of samples at which the ring of raw samples must grow; 0 if it has its ``most`` rows."""
         return len(self.recent) if self.samples <= len(self.recent) < most else 0
 
-    def take_over(self, old: State, *slots: Slot) -> None:
+    def take_over(self, old: State, *slots: Slot[Any]) -> None:
         """Copy the values of these slots from another state."""
         for slot in slots:
             setattr(self, slot.name, getattr(old, slot.name))

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from replant.estimation.engine.state import State
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
-from replant.kernels.schema import LAYOUT, LINE, StateSlots
+from replant.kernels.schema import LINE, StateSlots
+from replant.kernels.slot_tables import Slot
 from replant.numerics.arguments import FloatArray, IntArray
 
 TILE = 256  # samples that a block takes at once: with their results they stay in the processor's cache [samples]
 #: The slots that are equal in all members of a block: all settings in `ints` but the random seed.
-ALIKE_IN_BLOCKS = [slot.index for slot in StateSlots.integers if slot.writer == LAYOUT and slot is not StateSlots.seed]
+ALIKE_IN_BLOCKS = [slot.index for slot in StateSlots.integers if slot.laid_out and slot is not StateSlots.seed]
 ALIKE_IN_BLOCKS += [StateSlots.rests_with_input.index, StateSlots.adapt.index]
 #: The slots by which members are sorted into blocks: members equal in all of them draw the same rows of their buffers.
 IN_STEP = [slot.index for slot in (State.seed, State.drawn, State.buffer_filled, State.buffer_head)]
@@ -28,7 +30,7 @@ Sensitivity: changes no bit of any result.
 """
 
 #: The values that a state must have to be stepped in a lane.
-FIT = {
+FIT: dict[Slot[Any], int] = {
     StateSlots.examines_output: 1, StateSlots.refined: 1, StateSlots.algorithm: RECURSIVE_LEAST_SQUARES,
     StateSlots.collects: 0, StateSlots.has_reference: 0,
 }  # fmt: skip

@@ -7,7 +7,7 @@ while the other warms up.  With the refined filter the bank in use also makes th
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.polynomials import all_left_of, bandwidth, reflect, slowest_decay
 from replant.kernels.native import LAID_OUT, Reals, inlined, kernel
-from replant.kernels.schema import StateArrays
+from replant.kernels.schema import StateSlots
 
 # exp(-10), 5e-5, of a wrong initial state then remains
 WARM_TIME_CONSTANTS = 10.0  # time that a bank with a new model warms up [slowest time constants of the model]
@@ -183,7 +183,7 @@ def advance_bank(s, bank, interval, y, channels):
     LAID_OUT,
     "0 <= which < 3 and theta.size >= s.entries",
 )
-def install_model(s: StateArrays, which: int, theta: Reals):
+def install_model(s: StateSlots, which: int, theta: Reals):
     """Make the scaled estimate ``theta`` the auxiliary model of a bank; its unstable poles are reflected in D."""
     n, T, inputs = s.order, s.entries, s.input_entries
     bank = s.banks[which]

@@ -13,7 +13,7 @@ from replant.kernels.native import LAID_OUT, kernel
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 from replant.kernels.optimizers.memory import block
-from replant.kernels.schema import StateArrays
+from replant.kernels.schema import StateSlots
 
 # at ten times this a misread input would be accepted, and all later inputs would seem at rest beside it; at a tenth a
 # single pulse may be a leap
@@ -85,7 +85,7 @@ def begin_initial_state(s, y):
 
 
 @kernel(LAID_OUT)
-def interrupt(s: StateArrays, interval: float):
+def interrupt(s: StateSlots, interval: float):
     """Restart the filters after a gap: parameters stay, learning waits until the unknown initial state has decayed."""
     n = s.order
     s.gaps += 1

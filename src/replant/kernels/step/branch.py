@@ -14,7 +14,7 @@ import numpy as np
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
 from replant.kernels.native import LAID_OUT, Matrix, Reals, kernel
-from replant.kernels.schema import StateArrays
+from replant.kernels.schema import StateSlots
 from replant.kernels.step.stages import acceptable
 
 
@@ -55,7 +55,7 @@ def respond(s, u, interval, constant, row):
     "intervals.size == 1 or intervals.size >= u.size",
     "output.size >= u.size and rows.shape[0] >= u.size and rows.shape[1] >= s.entries",
 )  # fmt: skip
-def branch(s: StateArrays, u: Reals, intervals: Reals, constant: bool, rows: Matrix, output: Reals):
+def branch(s: StateSlots, u: Reals, intervals: Reals, constant: bool, rows: Matrix, output: Reals):
     """Run a model over inputs (K,), from where its last run ended.
 
     ``intervals`` are (K,) or (1,) in s.  Writes ``rows`` (K, T or more), in the order of the model's entries, and

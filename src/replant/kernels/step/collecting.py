@@ -11,7 +11,7 @@ import numpy as np
 from replant.kernels import schema as at
 from replant.kernels.monitoring.interruptions import input_leaps, input_rests, interval_of, is_far
 from replant.kernels.native import AS_MANY, IS_SOUND, Matrix, Reals, kernel
-from replant.kernels.schema import Doubt, StateArrays
+from replant.kernels.schema import Doubt, StateSlots
 from replant.kernels.step.stages import (
     acceptable,
     keep_guarded_sample,
@@ -68,12 +68,12 @@ def take(s, u, y, t, r):
 
 
 @kernel(IS_SOUND)
-def step(s: StateArrays, u: float, y: float, t: float, r: float):
+def step(s: StateSlots, u: float, y: float, t: float, r: float):
     """Take one sample as `take` does."""
     return take(s, u, y, t, r)
 
 
 @kernel(IS_SOUND, *AS_MANY)
-def steps(s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals, errors: Reals, parameters: Matrix):
+def steps(s: StateSlots, u: Reals, y: Reals, t: Reals, r: Reals, errors: Reals, parameters: Matrix):
     """Take many samples as `take_many` does; ``parameters`` (K, 0), as there are none."""
     return take_many(s, u, y, t, r, errors, parameters, take)

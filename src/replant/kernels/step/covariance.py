@@ -19,7 +19,7 @@ from replant.kernels.monitoring.interruptions import (
 )
 from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance as loops
-from replant.kernels.schema import Alarm, Doubt, StateArrays
+from replant.kernels.schema import Alarm, Doubt, StateSlots
 from replant.kernels.step.stages import (
     acceptable,
     keep_estimate,
@@ -97,12 +97,12 @@ def take(s, u, y, t, r):
 
 
 @kernel(IS_SOUND, LEARNS)
-def step(s: StateArrays, u: float, y: float, t: float, r: float):
+def step(s: StateSlots, u: float, y: float, t: float, r: float):
     """Take one sample; return its error as `take` does."""
     return take(s, u, y, t, r)
 
 
 @kernel(IS_SOUND, LEARNS, *AS_MANY)
-def steps(s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals, errors: Reals, parameters: Matrix):
+def steps(s: StateSlots, u: Reals, y: Reals, t: Reals, r: Reals, errors: Reals, parameters: Matrix):
     """Take many samples as `take_many` does."""
     return take_many(s, u, y, t, r, errors, parameters, take)

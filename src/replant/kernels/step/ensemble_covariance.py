@@ -12,7 +12,7 @@ import numpy as np
 from replant.kernels.lanes import LANES, member, members, vectors
 from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
-from replant.kernels.schema import LAGS, StateArrays
+from replant.kernels.schema import LAGS, StateSlots
 from replant.kernels.step import covariance, ensemble, ensemble_ordinary
 from replant.kernels.step.ensemble_exchange import enter, is_ordinary, leave, note, prepare, width_of
 from replant.kernels.step.ensemble_ordinary import ODD
@@ -127,9 +127,9 @@ def has_room(s, models):
     "parameters.shape[1] >= u.shape[0]",
 )
 def steps(
-    one: StateArrays, two: StateArrays, three: StateArrays, four: StateArrays, five: StateArrays, six: StateArrays,
-    seven: StateArrays, eight: StateArrays, nine: StateArrays, ten: StateArrays, eleven: StateArrays,
-    twelve: StateArrays, thirteen: StateArrays, fourteen: StateArrays, fifteen: StateArrays, sixteen: StateArrays,
+    one: StateSlots, two: StateSlots, three: StateSlots, four: StateSlots, five: StateSlots, six: StateSlots,
+    seven: StateSlots, eight: StateSlots, nine: StateSlots, ten: StateSlots, eleven: StateSlots,
+    twelve: StateSlots, thirteen: StateSlots, fourteen: StateSlots, fifteen: StateSlots, sixteen: StateSlots,
     numbers: Ints, live: Ints, taken: Ints, ints: IntMatrix, reals: Matrix,
     kept: Matrix, models: Cube, kept_models: Cube, beside: Matrix, companion: Matrix, tile: Cube, estimates: Cube,
     start: int, u: Matrix, y: Matrix, errors: Matrix, parameters: Cube,

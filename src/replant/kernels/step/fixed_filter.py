@@ -12,7 +12,7 @@ from replant.kernels.filters import chain
 from replant.kernels.monitoring.outliers import equation_error
 from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Matrix, Reals, inlined, kernel, short_loops
 from replant.kernels.optimizers import gradient as loops
-from replant.kernels.schema import StateArrays
+from replant.kernels.schema import StateSlots
 from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,
@@ -213,7 +213,7 @@ def take(s, cuts, u, y):
 
 @kernel(IS_SOUND, LEARNS)
 @short_loops
-def step(s: StateArrays, u: float, y: float, t: float, r: float):
+def step(s: StateSlots, u: float, y: float, t: float, r: float):
     """Take one sample; return its error as `take` does; ``t`` and ``r`` are not used, as the clock is regular."""
     if s.started:
         discretize(s, s.banks[0])
@@ -222,7 +222,7 @@ def step(s: StateArrays, u: float, y: float, t: float, r: float):
 
 @kernel(IS_SOUND, LEARNS, *AS_MANY)
 @short_loops
-def steps(s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals, errors: Reals, parameters: Matrix):
+def steps(s: StateSlots, u: Reals, y: Reals, t: Reals, r: Reals, errors: Reals, parameters: Matrix):
     """Take all K samples; write errors and estimates (physical units); return K; ``t`` and ``r`` are empty."""
     if s.started:
         discretize(s, s.banks[0])

@@ -10,7 +10,7 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.monitoring import scatter
 from replant.kernels.native import kernel
 from replant.kernels.optimizers import covariance, gradient
-from replant.kernels.schema import LAGS, StateArrays, StateSlots
+from replant.kernels.schema import LAGS, StateSlots
 from replant.kernels.slot_tables import Flag
 
 MOST: Final = 1 << 24  # largest size: products of larger ones may overflow int64 [count]
@@ -81,7 +81,7 @@ def is_laid_out(s, reals, banks, columns):
 
 
 @kernel()
-def is_sound(s: StateArrays):
+def is_sound(s: StateSlots):
     """Return whether all arrays of a state are large enough, and all indices are within them."""
     if not is_laid_out(s, s.reals.size, s.banks.shape[0], s.banks.shape[1]):
         return False

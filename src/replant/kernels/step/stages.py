@@ -15,7 +15,7 @@ from replant.kernels.monitoring import scatter
 from replant.kernels.native import LAID_OUT, Matrix, Reals, in_turn, inlined, kernel
 from replant.kernels.optimizers.gradient import telling_part
 from replant.kernels.optimizers.memory import draw_below
-from replant.kernels.schema import Doubt, StateArrays
+from replant.kernels.schema import Doubt, StateSlots
 
 # the oldest of the four kept is then three to four steps old: a quarter to a third of all samples, and later three to
 # four times PAST_STEP, are held out from it
@@ -249,7 +249,7 @@ def take_many(s, u, y, t, r, errors, parameters, take):
     "not s.instruments or (zeta.shape[0] >= u.size and zeta.shape[1] >= s.entries)",
 )
 def regressors(
-    s: StateArrays, u: Reals, y: Reals, intervals: Reals, by_reference: Matrix, phi: Matrix,
+    s: StateSlots, u: Reals, y: Reals, intervals: Reals, by_reference: Matrix, phi: Matrix,
     zeta: Matrix, target: Reals, output: Reals,
 ):  # fmt: skip
     """Run the chain alone over a record, for offline use: regressors, instruments, target, auxiliary output.

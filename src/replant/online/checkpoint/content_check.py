@@ -23,7 +23,6 @@ from replant.kernels.schema import (
     FIXED,
     LAGS,
     LARGEST,
-    LAYOUT,
     LOAD,
     PAST,
     ROWS,
@@ -37,7 +36,7 @@ from replant.kernels.slot_tables import NEVER
 from replant.online.background import Job
 
 #: The slots whose values are determined by the settings, apart from the begins of the blocks.
-DECIDED = [slot for slot in (*StateSlots.integers, *StateSlots.scalars, *StateSlots.blocks) if slot.writer == LAYOUT]
+DECIDED = [slot for slot in (*StateSlots.integers, *StateSlots.scalars, *StateSlots.blocks) if slot.laid_out]
 
 
 @cache
