@@ -19,8 +19,7 @@ from replant.kernels.filters.autoregressions import fill_all_pole, nested_models
 from replant.kernels.native import KERNELS, Kernel
 from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import Attention, ColourSlots, NoiseSlots, PathSlots
-from replant.kernels.step import covariance as covariance_steps
-from replant.kernels.step import fixed_filter, soundness
+from replant.kernels.step import fixed_filter, single, soundness
 from replant.model.transfer_function import TransferFunction
 from support.cases import every
 
@@ -193,14 +192,14 @@ def test_a_state_that_says_that_it_collects_is_not_taken_for_one_that_learns() -
     state.collects, state.ring_head = 1, 2**40
     one = np.ones(1)
     with pytest.raises(ValueError, match="collects"):
-        covariance_steps.steps(*state.arrays, one, one, np.empty(0), np.empty(0), one.copy(), np.empty((1, 0)))
+        single.by_covariance[1](*state.arrays, one, one, np.empty(0), np.empty(0), one.copy(), np.empty((1, 0)))
 
 
 def test_a_truth_that_is_none_is_refused() -> None:
     state, one = running()._state, np.ones(1)
     state.ints[State.instruments.index] = 7
     with pytest.raises(ValueError, match="is_sound"):
-        covariance_steps.steps(*state.arrays, one, one, np.empty(0), np.empty(0), one.copy(), np.empty((1, 0)))
+        single.by_covariance[1](*state.arrays, one, one, np.empty(0), np.empty(0), one.copy(), np.empty((1, 0)))
 
 
 @pytest.mark.parametrize(("refined", "most"), [(True, 5), (False, 4)])

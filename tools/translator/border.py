@@ -17,7 +17,7 @@ from translator.records import BESIDE
 HERE = Path(__file__).parent
 #: The instruction sets for which each file is compiled beside "plain"; ``processor.h`` asks for each.
 VARIANTS = {"kernels": ("avx2",), "lanes": ("avx2", "avx512")}
-STEP = r"step\.\w+\.step"  # the kernels that take one sample
+STEP = r"step\.\w+\.(step|\w+_one)"  # the kernels that take one sample
 TAKER = "typedef double (*taker)(State *, double, double, double, double);"
 #: What Python gives for a state, and what is made of it.
 ARRAYS = {"ints": Array("i", 1), "reals": Array("d", 1), **BESIDE}
@@ -137,7 +137,7 @@ def sources(package: str, root: Path, kernels: list[Any]) -> dict[str, str]:
         if name == "kernels":
             parts += [TAKER, _list("taker", "takers", [function.name for _, function in steps])]
         files[f"{name}.c"] = "\n\n".join(parts) + "\n"
-    rows = [f'    {{ "{kernel.name}", {"true" if "collecting" in kernel.name else "false"} }},' for kernel, _ in steps]
+    rows = [f'    {{ "{kernel.name}", {"true" if "collect" in kernel.name else "false"} }},' for kernel, _ in steps]
     collects = "\n".join(["static const struct { const char *name; bool collects; } steps[] = {", *rows, "};"])
     own = programs["kernels"]
     parts = [own.types(), header, f"#define at_BELIEVED {own.schema.BELIEVED}", table(every, len(plain)), collects]

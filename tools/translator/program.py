@@ -7,6 +7,7 @@ import functools
 import importlib
 import inspect
 import sys
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -189,7 +190,7 @@ class Program:
 def entry_kinds(function: Callable[..., Any]) -> tuple[Kind, ...]:
     """Return the kinds of the arguments that Python gives, as the annotations say."""
     lines, first = inspect.getsourcelines(function)
-    tree = ast.parse("".join(lines)).body[0]
+    tree = ast.parse(textwrap.dedent("".join(lines))).body[0]
     assert isinstance(tree, ast.FunctionDef)
     kinds: list[Kind] = []
     for argument in tree.args.args:

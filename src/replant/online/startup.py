@@ -1,6 +1,6 @@
 """Start-up: the first samples are collected; settings (docs/defaults.md) and a first model are made from them.
 
-A compiled step (`replant.kernels.step.collecting`) collects them in the ring of raw samples, by the same rules as for
+A compiled step (`replant.kernels.step.single`) collects them in the ring of raw samples, by the same rules as for
 later samples.
 
 Until they suffice there is a provisional model of the first outputs, of growing numbers of them.  Nothing later depends

@@ -11,7 +11,7 @@ import replant as rp
 from replant.estimation.engine.state import State, step_kernels
 from replant.estimation.engine.vector_blocks import is_under_way
 from replant.estimation.optimizers import OPTIMIZERS
-from replant.kernels.step import covariance, fixed_filter, gradient
+from replant.kernels.step import fixed_filter, single
 from support.cases import every
 
 Kernel = Callable[..., Any]
@@ -65,7 +65,7 @@ def test_same_bits_as_the_general_kernels(
 ) -> None:
     poles, zeros, bias = structure
     ours, general = (state_of(rp.Structure(poles, zeros, bias=bias), optimizer, which, replay) for _ in range(2))
-    results = run(ours, fixed_filter.step, fixed_filter.steps), run(general, gradient.step, gradient.steps)
+    results = run(ours, fixed_filter.step, fixed_filter.steps), run(general, *single.by_gradient)
     for a, b in zip(*results, strict=True):
         assert a.tobytes() == b.tobytes()
     for a, b in zip(arrays(ours), arrays(general), strict=True):
@@ -94,13 +94,13 @@ def chosen(structure: rp.Structure, optimizer: str, *, regular: bool, **slots: i
 
 
 def test_each_identifier_gets_the_leanest_kernels_that_suit_it() -> None:
-    lean, general = (fixed_filter.step, fixed_filter.steps), (gradient.step, gradient.steps)
+    lean, general = (fixed_filter.step, fixed_filter.steps), single.by_gradient
     assert chosen(rp.Structure(2, 1), "amsgrad", regular=True) == lean
     assert chosen(rp.Structure(2, 1), "amsgrad", regular=False) == general
     assert chosen(rp.Structure(2, 2, feedthrough=True), "amsgrad", regular=True) == general
     assert chosen(rp.Structure(2, 1, delay=0.05), "amsgrad", regular=True) == general
     assert chosen(rp.Structure(2, 1), "amsgrad", regular=True, instruments=1) == general
-    assert chosen(rp.Structure(2, 1), "recursive-least-squares", regular=True) == (covariance.step, covariance.steps)
+    assert chosen(rp.Structure(2, 1), "recursive-least-squares", regular=True) == single.by_covariance
 
 
 def test_with_the_first_stamp_the_general_kernels_go_on_where_the_lean_ones_stopped() -> None:
@@ -118,7 +118,7 @@ def test_with_the_first_stamp_the_general_kernels_go_on_where_the_lean_ones_stop
         each._state.last_time = t[29]
         each.update(u[30], y[30], t[30])
         each.update_many(u[31:], y[31:], t[31:])
-    assert ident._steps is gradient.steps
+    assert ident._steps is single.by_gradient[1]
     np.testing.assert_array_equal(ident.parameters, twin.parameters)
 
 
@@ -127,11 +127,11 @@ def test_the_lean_kernels_go_on_where_other_intervals_took_the_place_of_the_regu
     generator = np.random.default_rng(3)
     for state in (ours, general):
         for k, t in enumerate(np.cumsum([0.0, 1.1, 0.9, 1.2, 0.8, 1.3]) * DT):
-            gradient.step(*arrays(state), np.cos(k), np.sin(k), t, np.nan)
+            single.by_gradient[0](*arrays(state), np.cos(k), np.sin(k), t, np.nan)
         assert not is_under_way(state)
     u, y = generator.standard_normal((2, 50))
     room = [(np.empty(50), np.empty((50, 4))) for _ in range(2)]
     fixed_filter.steps(*arrays(ours), u, y, REGULAR, REGULAR, *room[0])
-    gradient.steps(*arrays(general), u, y, REGULAR, REGULAR, *room[1])
+    single.by_gradient[1](*arrays(general), u, y, REGULAR, REGULAR, *room[1])
     assert all(a.tobytes() == b.tobytes() for a, b in zip(*room, strict=True))
     assert all(a.tobytes() == b.tobytes() for a, b in zip(arrays(ours)[2:], arrays(general)[2:], strict=True))

@@ -11,7 +11,7 @@ import pytest
 import replant as rp
 from replant.estimation.engine.state import State
 from replant.kernels import schema as at
-from replant.kernels.step import gradient
+from replant.kernels.step import single
 from replant.kernels.step.stages import KEEP_AFTER_LEAST, KEEP_AFTER_PART, remember
 from support.builders import is_finite
 from support.cases import every
@@ -35,7 +35,7 @@ def arrays(state: State) -> tuple[np.ndarray, ...]:
 
 
 def take(state: State, u: float, y: float, t: float = np.nan) -> float:
-    return gradient.step(*arrays(state), u, y, t, np.nan)
+    return single.by_gradient[0](*arrays(state), u, y, t, np.nan)
 
 
 def learn_number(state: State, k: float) -> int:

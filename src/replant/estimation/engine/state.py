@@ -252,17 +252,17 @@ Step = Callable[[float, float, float, float], float]  # takes a sample (u, y, t,
 
 def step_kernels(state: State, *, regular: bool) -> tuple[Kernel, Kernel]:
     """Return the step kernels for one sample and for many, which use the same arrays; see `kernels.step`."""
-    from replant.kernels.step import collecting, covariance, fixed_filter, gradient
+    from replant.kernels.step import fixed_filter, single
 
     if state.collects:
-        return collecting.step, collecting.steps
+        return single.collecting
     if state.examines_output:
-        return covariance.step, covariance.steps
+        return single.by_covariance
     without_model = not (state.instruments or state.rests_with_input)
     strictly_proper = state.input_entries <= state.order
     if regular and without_model and strictly_proper and state.delay == 0.0:
         return fixed_filter.step, fixed_filter.steps
-    return gradient.step, gradient.steps
+    return single.by_gradient
 
 
 def bound_step(state: State, kernel: Kernel, preprocess: Preprocess) -> tuple[Step, IntArray]:

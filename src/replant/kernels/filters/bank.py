@@ -20,7 +20,7 @@ Discretisations are stored by their interval.  The exponential is computed by sc
 scaling leaves a norm of 1/4, for which twelve terms reach 1e-17.
 """
 
-from replant.kernels.native import Reals, kernel
+from replant.kernels.native import Reals, inlined, kernel
 
 OUTPUT, INPUT, MODEL, IMPULSE, CONSTANT, REFERENCE_INPUT = range(6)
 CHANNELS = 6  # channels of a bank [count]
@@ -158,20 +158,30 @@ def advance_states(n, solution, start, rise, x, new):
         x[i] = new[i]
 
 
-def advance_both(n, solution, start, rise, x, new, other_start, other_rise, z, spare):
-    """Advance the states x and z as `advance_states` does, to the same bits; Ad is loaded once for both."""
-    A, constant, ramp = solution, n * n, n * n + n
+@inlined
+def follow_two(A, constant, ramp, states, new, start, rise, other_start, other_rise):
+    """Compute the ``new`` states (2 n,) of two channels after one interval, as `advance_states` does, to the same bits.
+
+    Ad is loaded once for both; their signals begin at ``start`` and ``other_start``.
+    """
+    n = constant.size
+    x, z, new_x, new_z = states, states[n:], new, new[n:]
     for i in range(n):
-        total = solution[constant + i] * start + solution[ramp + i] * rise
-        other = solution[constant + i] * other_start + solution[ramp + i] * other_rise
+        row = A[i * n :]
+        total = constant[i] * start + ramp[i] * rise
+        other = constant[i] * other_start + ramp[i] * other_rise
         for j in range(n):
-            total += A[i * n + j] * x[j]
-            other += A[i * n + j] * z[j]
-        new[i] = total
-        spare[i] = other
-    for i in range(n):
-        x[i] = new[i]
-        z[i] = spare[i]
+            total += row[j] * x[j]
+            other += row[j] * z[j]
+        new_x[i] = total
+        new_z[i] = other
+
+
+@inlined
+def settle(states, new):
+    """Replace the states by the new ones."""
+    for i in range(states.size):
+        states[i] = new[i]
 
 
 def advance_channel(bank, n, T, channel, at, start, end, work):
@@ -180,12 +190,14 @@ def advance_channel(bank, n, T, channel, at, start, end, work):
     advance_states(n, bank[at + 1 :], start, end - start, bank[states:], work)
 
 
-def advance_two(bank, n, T, at, one, start, end, other, other_start, other_end, work):
-    """Advance two channels as `advance_channel` does."""
-    states, rise, other_rise = at_states(n, T), end - start, other_end - other_start
-    x, z = bank[states + one * n :], bank[states + other * n :]
-    new, spare = work, work[n:]
-    advance_both(n, bank[at + 1 :], start, rise, x, new, other_start, other_rise, z, spare)
+def advance_two(bank, n, T, at, first, start, end, other_start, other_end, work):
+    """Advance the ``first`` of two channels and the next one as `advance_channel` does."""
+    begin, constant = at_states(n, T) + first * n, at + 1 + n * n
+    ramp, states, new = constant + n, bank[begin : begin + 2 * n], work[: 2 * n]
+    rise, other_rise = end - start, other_end - other_start
+    A, c, r = bank[at + 1 : constant], bank[constant:ramp], bank[ramp : ramp + n]
+    follow_two(A, c, r, states, new, start, rise, other_start, other_rise)
+    settle(states, new)
 
 
 def take_states(bank, other, n, T):

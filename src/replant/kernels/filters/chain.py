@@ -80,16 +80,34 @@ def remember_input(s, u, interval):
         s.reference_held[newest] = last + share * (part - last)
 
 
-def advance_delayed_input(s, bank, interval, slot, work, channel):
-    """Advance INPUT or REFERENCE_INPUT by the newest interval, piece by piece; return the delayed signal now.
+@inlined
+def undelayed_ends(s, inputs, held):
+    """Return where a signal without dead time begins and ends in the newest interval."""
+    newest = s.ring_head
+    if s.straight_input:
+        return inputs[one_before(s, newest)], inputs[newest]
+    return held[newest], held[newest]
 
-    Ages count back from now: the input u_j, sampled at age a_j, acts from age a_j - delay down to a_{j+1} - delay.
-    """
-    n, T, ring, straight = s.order, s.entries, s.ring_size, s.straight_input
+
+def advance_input(s, bank, interval, slot, work, channel):
+    """Advance INPUT or REFERENCE_INPUT by the newest interval; return the signal after the dead time now."""
     of_input = channel == bk.INPUT
     now = s.input_now if of_input else s.reference_input_now
     inputs = s.inputs if of_input else s.reference_inputs
     held = s.held if of_input else s.reference_held
+    if s.delay > 0.0:
+        return advance_delayed_input(s, bank, interval, slot, work, channel, now, inputs, held)
+    start, end = undelayed_ends(s, inputs, held)
+    bk.advance_channel(bank, s.order, s.entries, channel, slot, start, end, work)
+    return inputs[s.ring_head]
+
+
+def advance_delayed_input(s, bank, interval, slot, work, channel, now, inputs, held):
+    """Advance a channel by the newest interval, piece by piece; return the delayed signal now.
+
+    Ages count back from now: the input u_j, sampled at age a_j, acts from age a_j - delay down to a_{j+1} - delay.
+    """
+    n, T, ring, straight = s.order, s.entries, s.ring_size, s.straight_input
     intervals, delay = s.intervals, s.delay
     newer = s.ring_head
     older = one_before(s, newer)
@@ -131,51 +149,33 @@ def advance_delayed_input(s, bank, interval, slot, work, channel):
     return now
 
 
-def advance_reference_input(s, bank, interval, slot, work):
-    """Advance the REFERENCE_INPUT channel by the newest interval, in the same way as the INPUT channel."""
-    n, T, newest = s.order, s.entries, s.ring_head
-    if s.delay > 0.0:
-        s.reference_input_now = advance_delayed_input(s, bank, interval, slot, work, bk.REFERENCE_INPUT)
-        return
-    start = end = s.reference_held[newest]
-    if s.straight_input:
-        start, end = s.reference_inputs[one_before(s, newest)], s.reference_inputs[newest]
-    bk.advance_channel(bank, n, T, bk.REFERENCE_INPUT, slot, start, end, work)
-    s.reference_input_now = s.reference_inputs[newest]
-
-
 def follow_input(s, interval):
     """Update the delayed input, and the part that a reference explains, before the filters begin."""
     n, T, bank, work = s.order, s.entries, s.banks[s.serving_bank], s.work
     slot = bk.discretization(bank, n, T, interval, work)
-    s.input_now = advance_delayed_input(s, bank, interval, slot, work, bk.INPUT)
+    s.input_now = advance_input(s, bank, interval, slot, work, bk.INPUT)
     if s.has_reference:
-        s.reference_input_now = advance_delayed_input(s, bank, interval, slot, work, bk.REFERENCE_INPUT)
+        s.reference_input_now = advance_input(s, bank, interval, slot, work, bk.REFERENCE_INPUT)
 
 
 def advance_bank(s, bank, interval, y, channels):
     """Advance all channels but MODEL, whose newest value is unknown, by the newest interval; return its solution."""
-    n, T, newest = s.order, s.entries, s.ring_head
-    work = s.work
-    slot = bk.discretization(bank, n, T, interval, work)
-    last_y = s.last_output
+    n, T, newest, work = s.order, s.entries, s.ring_head, s.work
+    slot, last_y, all_channels = bk.discretization(bank, n, T, interval, work), s.last_output, channels > bk.INPUT + 1
     if s.delay > 0.0:
-        s.input_now = advance_delayed_input(s, bank, interval, slot, work, bk.INPUT)
-        if channels > bk.INPUT + 1 and s.has_reference:
-            advance_reference_input(s, bank, interval, slot, work)
+        s.input_now = advance_input(s, bank, interval, slot, work, bk.INPUT)
+    if all_channels and s.has_reference:
+        s.reference_input_now = advance_input(s, bank, interval, slot, work, bk.REFERENCE_INPUT)
+    if s.delay > 0.0:
         # again: the discretisations of the pieces may have replaced that of the whole interval
         slot = bk.discretization(bank, n, T, interval, work)
         bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last_y, y, work)
     else:
-        start, end = s.held[newest], s.held[newest]
-        if s.straight_input:
-            start, end = s.inputs[one_before(s, newest)], s.inputs[newest]
-        bk.advance_two(bank, n, T, slot, bk.OUTPUT, last_y, y, bk.INPUT, start, end, work)
+        start, end = undelayed_ends(s, s.inputs, s.held)
+        bk.advance_two(bank, n, T, slot, bk.OUTPUT, last_y, y, start, end, work)
         s.input_now = s.inputs[newest]
-    if channels > bk.INPUT + 1:
-        bk.advance_two(bank, n, T, slot, bk.IMPULSE, 0.0, 0.0, bk.CONSTANT, 1.0, 1.0, work)
-        if s.has_reference and not s.delay > 0.0:
-            advance_reference_input(s, bank, interval, slot, work)
+    if all_channels:
+        bk.advance_two(bank, n, T, slot, bk.IMPULSE, 0.0, 0.0, 1.0, 1.0, work)
     return slot
 
 

@@ -21,9 +21,6 @@ TRACKING = Memory(
     U=MATRIX, D=VECTOR, noise=ONE, increase=VECTOR, projected=VECTOR, gain=VECTOR, work=Size(2, 2, 0), alpha=ONE
 )
 
-#: The layout of the memory of each optimizer.
-MEMORY = {RECURSIVE_LEAST_SQUARES: LEAST_SQUARES, KALMAN_TRACKING: TRACKING}
-
 AT_D, AT_CAPS, AT_PROJECTED, AT_GAIN, AT_ALPHA = (
     LEAST_SQUARES.begins[name] for name in ("D", "caps", "projected", "gain", "alpha")
 )
@@ -148,18 +145,6 @@ def variance_along(U, D, zeta):
     return total
 
 
-def expand(U, D, covariance):
-    """Write P = U D U' into ``covariance`` (P, P)."""
-    P = D.size
-    for i in range(P):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(i, P):
-                total += U[i, k] * D[k] * U[j, k]
-            covariance[i, j] = total
-            covariance[j, i] = total
-
-
 @short_loops
 def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction):
     """Settings [forgetting factor], memory `LEAST_SQUARES`; ``caps`` are the upper limits of D."""
@@ -191,6 +176,14 @@ def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, int
         # R += (e^2 R / alpha - R) h / T: unbiased by the uncertainty of the parameters
         share = min(settings[0] * interval, 1.0)
         tracked[0] = max(noise + (error * error * noise / alpha - noise) * share, np.finfo(np.float64).tiny)
+
+
+#: Code of each optimizer, its loop, the layout of its memory, the least number of its settings: Kalman's has T more.
+OPTIMIZERS = (
+    (RECURSIVE_LEAST_SQUARES, recursive_least_squares, LEAST_SQUARES, 1),
+    (KALMAN_TRACKING, kalman_tracking, TRACKING, 1),
+)
+MEMORY = {code: memory for code, _, memory, _ in OPTIMIZERS}
 
 
 def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, interval):

@@ -9,8 +9,8 @@ Every kernel has the same signature:
 g = -(y - theta' phi) / m^2 * phi; with instruments zeta replaces the last phi.  ``direction`` is the column where this
 vector begins, 0 or P + 2.  ``settings`` are in the order of the class in `replant.estimation.optimizers`.
 
-Each loop has a code, which `learn` and checkpoints use: a number that no other optimizer has or had.  `MEMORY` declares
-the memory of each optimizer; a loop gets a block of it by `block`.
+Each loop has a code, which `learn` and checkpoints use: a number that no other optimizer has or had.  `OPTIMIZERS`
+lists them; a loop gets a block of its memory by `block`.
 """
 
 import math
@@ -31,18 +31,6 @@ SQUARES = Memory(squares=VECTOR)  # sum or moving mean of g^2
 SQUARES_AND_STEPS = Memory(squares=VECTOR, moved=VECTOR)  # moving means of g^2 and step^2
 INTEGRALS = Memory(R=MATRIX, Q=VECTOR, slope=VECTOR)  # slope: R theta + Q
 
-#: The layout of the memory of each optimizer.
-MEMORY = {
-    GRADIENT: NOTHING,
-    ADAM: MOMENTS,
-    AMSGRAD: LARGEST_MOMENT,
-    ADAGRAD: SQUARES,
-    RMSPROP: SQUARES,
-    NADAM: MOMENTS,
-    ADADELTA: SQUARES_AND_STEPS,
-    INTEGRAL_COST: INTEGRALS,
-}
-
 AT_SECOND, AT_POWER1, AT_POWER2 = (MOMENTS.begins[name] for name in ("second", "power1", "power2"))
 AT_LARGEST, AT_MOVED = LARGEST_MOMENT.begins["largest"], SQUARES_AND_STEPS.begins["moved"]
 AT_Q, AT_SLOPE = INTEGRALS.begins["Q"], INTEGRALS.begins["slope"]
@@ -61,12 +49,13 @@ def telling_part(algorithm, P, memory):
 
 
 @inlined
-def normalized_error(P, theta, row):
-    """Return epsilon_I of (13): (y - theta' phi) / m^2."""
+def drawn(theta, row, direction):
+    """Return the vector that the update of a row follows, and epsilon_I of (13): (y - theta' phi) / m^2."""
+    P = theta.size
     prediction = theta[0] * row[0]  # starting from zero would add one dependent sum
     for i in in_turn(1, P):
         prediction += theta[i] * row[i]
-    return (row[P] - prediction) * row[P + 1]
+    return row[direction:], (row[P] - prediction) * row[P + 1]
 
 
 @inlined
@@ -74,9 +63,8 @@ def gradient(theta, memory, settings, buffer, rows, batch, direction):
     """(17): theta += Tp gamma epsilon_I phi; settings [Tp gamma]."""
     P, gain = theta.size, settings[0]
     for k in range(batch):
-        phi = buffer[rows[k]]
-        along = phi[direction:]
-        step = gain * normalized_error(P, theta, phi)
+        along, error = drawn(theta, buffer[rows[k]], direction)
+        step = gain * error
         for i in in_turn(0, P):
             theta[i] += step * along[i]  # (17)
 
@@ -89,9 +77,7 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
     m, v = memory, block(memory, AT_SECOND, P)
     power1, power2 = memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)]
     for k in range(batch):
-        phi = buffer[rows[k]]
-        along = phi[direction:]
-        error = normalized_error(P, theta, phi)
+        along, error = drawn(theta, buffer[rows[k]], direction)
         power1 = max(power1 * beta1, VANISHED)
         power2 = max(power2 * beta2, VANISHED)
         rate = alpha / (1.0 - power1)  # bias corrections outside the loop save two divisions an entry
@@ -111,9 +97,7 @@ def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
     alpha, beta1, beta2, epsilon = settings[0], settings[1], settings[2], settings[3]
     m, v, largest = memory, block(memory, AT_SECOND, P), block(memory, AT_LARGEST, P)
     for k in range(batch):
-        phi = buffer[rows[k]]
-        along = phi[direction:]
-        error = normalized_error(P, theta, phi)
+        along, error = drawn(theta, buffer[rows[k]], direction)
         for i in side_by_side(P):
             g = -error * along[i]
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
@@ -127,9 +111,7 @@ def adagrad(theta, memory, settings, buffer, rows, batch, direction):
     """Sum of squared gradients; settings [alpha, epsilon], memory `SQUARES`."""
     P, alpha, epsilon = theta.size, settings[0], settings[1]
     for k in range(batch):
-        phi = buffer[rows[k]]
-        along = phi[direction:]
-        error = normalized_error(P, theta, phi)
+        along, error = drawn(theta, buffer[rows[k]], direction)
         for i in side_by_side(P):
             g = -error * along[i]
             memory[i] += g * g
@@ -141,9 +123,7 @@ def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
     """Moving mean of squared gradients; settings [alpha, rho, epsilon], memory `SQUARES`."""
     P, alpha, rho, epsilon = theta.size, settings[0], settings[1], settings[2]
     for k in range(batch):
-        phi = buffer[rows[k]]
-        along = phi[direction:]
-        error = normalized_error(P, theta, phi)
+        along, error = drawn(theta, buffer[rows[k]], direction)
         for i in side_by_side(P):
             g = -error * along[i]
             memory[i] = rho * memory[i] + (1.0 - rho) * g * g
@@ -158,9 +138,7 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
     m, v = memory, block(memory, AT_SECOND, P)
     power1, power2 = memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)]
     for k in range(batch):
-        phi = buffer[rows[k]]
-        along = phi[direction:]
-        error = normalized_error(P, theta, phi)
+        along, error = drawn(theta, buffer[rows[k]], direction)
         power1 = max(power1 * beta1, VANISHED)
         power2 = max(power2 * beta2, VANISHED)
         now = alpha * (1.0 - beta1) / (1.0 - power1)
@@ -181,9 +159,7 @@ def adadelta(theta, memory, settings, buffer, rows, batch, direction):
     alpha, rho, epsilon = settings[0], settings[1], settings[2]
     squares, moved = memory, block(memory, AT_MOVED, P)
     for k in range(batch):
-        phi = buffer[rows[k]]
-        along = phi[direction:]
-        error = normalized_error(P, theta, phi)
+        along, error = drawn(theta, buffer[rows[k]], direction)
         for i in side_by_side(P):
             g = -error * along[i]
             squares[i] = rho * squares[i] + (1.0 - rho) * g * g
@@ -244,22 +220,24 @@ def enter_row(P, theta, R, Q, slope, step, keep, weight, phi, along):
         slope[i] = total
 
 
+#: Code of each optimizer, its loop, the layout of its memory, the least number of its settings.
+OPTIMIZERS = (
+    (GRADIENT, gradient, NOTHING, 1),
+    (ADAM, adam, MOMENTS, 4),
+    (AMSGRAD, amsgrad, LARGEST_MOMENT, 4),
+    (ADAGRAD, adagrad, SQUARES, 2),
+    (RMSPROP, rmsprop, SQUARES, 3),
+    (NADAM, nadam, MOMENTS, 4),
+    (ADADELTA, adadelta, SQUARES_AND_STEPS, 3),
+    (INTEGRAL_COST, integral_cost, INTEGRALS, 3),
+)
+MEMORY = {code: memory for code, _, memory, _ in OPTIMIZERS}
+
+
 @inlined
 def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, interval):
     """Let the optimizer with this code learn the first ``batch`` of the drawn rows; ``interval`` is not used."""
-    if algorithm == GRADIENT:
-        gradient(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == ADAM:
-        adam(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == AMSGRAD:
-        amsgrad(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == ADAGRAD:
-        adagrad(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == RMSPROP:
-        rmsprop(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == NADAM:
-        nadam(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == ADADELTA:
-        adadelta(theta, memory, settings, buffer, rows, batch, direction)
-    elif algorithm == INTEGRAL_COST:
-        integral_cost(theta, memory, settings, buffer, rows, batch, direction)
+    for code, loop, _, _ in OPTIMIZERS:
+        if algorithm == code:
+            loop(theta, memory, settings, buffer, rows, batch, direction)
+            return

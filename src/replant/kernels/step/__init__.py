@@ -3,16 +3,15 @@
 ============  ======================================================  ==================================================
 file          case                                                    test that its results are equal to the bit
 ============  ======================================================  ==================================================
-collecting    the start-up: samples are kept until there are          tests/online/test_startup.py, chunks beside single
-              settings and a first model                              samples
-gradient      the gradient family: any filter, any clock              NumPy twins, tests/support/references.py
-covariance    optimizers with a covariance, outputs examined          NumPy twins, tests/support/references.py
+single        the start-up: samples are kept until there are          tests/online/test_startup.py, chunks beside single
+              settings and a first model; the gradient family and     samples; NumPy twins, tests/support/references.py
+              optimizers with a covariance: any filter, any clock
 fixed_filter  the gradient family, a fixed filter, a regular clock,   tests/kernels/step/test_fixed_filter.py beside
-              neither instruments nor dead time                       gradient
+              neither instruments nor dead time                       single
 ensemble      `LANES` members of `fixed_filter` at once, one in each  tests/online/test_ensemble.py beside single
               SIMD lane                                               members
-ensemble_     `LANES` members of `covariance` with a refined filter   tests/online/test_ensemble_members.py beside
-covariance    at once; `covariance` takes the exceptional samples     single members
+ensemble_     `LANES` members of `single` with a covariance and a     tests/online/test_ensemble_members.py beside
+covariance    refined filter at once; `single` takes the exceptions   single members
 ============  ======================================================  ==================================================
 
 All kernels take the state s (see `kernels.schema`), u and y in the units of the record, the time stamp t in s, and the
@@ -31,7 +30,7 @@ the order of the stages     `take` of each variant    variants differ in most st
                                                       lane by lane
 the loop over samples       `stages.take_many`,       the fixed filter cuts its arrays once a call, not once a sample
                             fixed_filter
-an ordinary sample          covariance,               vectors cannot branch on data: the vector stages mark each lane
+an ordinary sample          single,                   vectors cannot branch on data: the vector stages mark each lane
                             ensemble_ordinary         that would have branched
 filters and regressor       `filters.chain`,          one bank, one interval and held inputs need neither a search for a
                             fixed_filter              discretisation nor the pieces of a dead time

@@ -25,17 +25,9 @@ def respond(s, u, interval, constant, row):
     slot = 0
     if not first:
         slot = bk.discretization(bank, n, T, interval, work)
-        if s.delay > 0.0:
-            s.input_now = chain.advance_delayed_input(s, bank, interval, slot, work, bk.INPUT)
-            # again: the discretisations of the pieces may have replaced that of the whole interval
-            slot = bk.discretization(bank, n, T, interval, work)
-        else:
-            newest = s.ring_head
-            start, end = s.held[newest], s.held[newest]
-            if s.straight_input:
-                start, end = s.inputs[chain.one_before(s, newest)], s.inputs[newest]
-            bk.advance_channel(bank, n, T, bk.INPUT, slot, start, end, work)
-            s.input_now = s.inputs[newest]
+        s.input_now = chain.advance_input(s, bank, interval, slot, work, bk.INPUT)
+        # again: the discretisations of the pieces may have replaced that of the whole interval
+        slot = bk.discretization(bank, n, T, interval, work)
         bk.advance_channel(bank, n, T, bk.IMPULSE, slot, 0.0, 0.0, work)
         if constant:
             bk.advance_channel(bank, n, T, bk.CONSTANT, slot, 1.0, 1.0, work)

@@ -19,21 +19,7 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.lanes import LANES, all_within, load, member, members, prefetch, store, vectors
 from replant.kernels.monitoring.outliers import equation_error
 from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
-from replant.kernels.step import fixed_filter
-from replant.kernels.step.ensemble_members import (
-    ERROR,
-    FINITE,
-    INPUT,
-    OUTPUT,
-    admit,
-    admit_each,
-    are_level,
-    count,
-    count_each,
-    spread,
-    undo,
-    update_estimate,
-)
+from replant.kernels.step import ensemble_members, fixed_filter
 from replant.kernels.step.soundness import is_known, is_laid_out
 from replant.kernels.step.stages import cut_estimate, mapped_input
 
@@ -95,9 +81,9 @@ def take(arrays, s, apart, shared, work, cuts, u, y):
     fixed_filter.advance_filters(s, filters, s.input_now, u, y)
     s.last_output = y
     target = fixed_filter.fill_regressor(s, regressor, y)
-    fixed_filter.settle(filters[3], filters[4])
+    bk.settle(filters[3], filters[4])
     if s.adapt:
-        error, finite = update_estimate(arrays, s, apart, shared, work, estimate, target)
+        error, finite = ensemble_members.update_estimate(arrays, s, apart, shared, work, estimate, target)
     else:
         error, finite = equation_error(s, target), 0.0 * y
     return error * s.output_scale, finite
@@ -112,35 +98,35 @@ def take_tile(arrays, apart, work, u, y, errors, parameters):
     # the regular clock's discretisation is the bank's first
     cuts = fixed_filter.cut_filters(s, b[0], place), fixed_filter.cut_regressor(s, b[0]), estimate
     theta, unit, aside = estimate[0], estimate[5], s.work[2 * s.order :]
-    rings, level = fixed_filter.cut_rings(s), are_level(ints, reals)
+    rings, level = fixed_filter.cut_rings(s), ensemble_members.are_level(ints, reals)
     for lane in range(LANES):
         live[lane] = 1
     for k in range(inputs.size):
         now_u, now_y = mapped_input(s, inputs[k]), outputs[k] - s.output_offset
         if level and not (all_within(now_u, at.LARGEST) and all_within(now_y, at.LARGEST)):
-            spread(ints, reals)
+            ensemble_members.spread(ints, reals)
             level = False
         if level:
-            admit(s, rings, vectors(recent), now_u, now_y)
+            ensemble_members.admit(s, rings, vectors(recent), now_u, now_y)
         else:
-            aside[INPUT], aside[OUTPUT] = now_u, now_y
-            admit_each(ints, reals, banks, recent, live)
-            now_u, now_y = aside[INPUT], aside[OUTPUT]
+            aside[ensemble_members.INPUT], aside[ensemble_members.OUTPUT] = now_u, now_y
+            ensemble_members.admit_each(ints, reals, banks, recent, live)
+            now_u, now_y = aside[ensemble_members.INPUT], aside[ensemble_members.OUTPUT]
         error, finite = take(arrays, s, apart, level and not apart, work, cuts, now_u, now_y)
         if not (level and all_within(finite, 0.0)):
-            aside[ERROR], aside[FINITE] = error, finite
-            undo(ints, reals, banks, live)
-            error = aside[ERROR]
+            aside[ensemble_members.ERROR], aside[ensemble_members.FINITE] = error, finite
+            ensemble_members.undo(ints, reals, banks, live)
+            error = aside[ensemble_members.ERROR]
         if not level:
-            count_each(ints, reals, live, False)
-        elif count(s):
-            spread(ints, reals)
-            count_each(ints, reals, live, True)
+            ensemble_members.count_each(ints, reals, live, False)
+        elif ensemble_members.count(s):
+            ensemble_members.spread(ints, reals)
+            ensemble_members.count_each(ints, reals, live, True)
         told[k] = error
         for i in range(written.shape[1]):
             written[k, i] = theta[i] * unit[i]
     if level:
-        spread(ints, reals)
+        ensemble_members.spread(ints, reals)
 
 
 def are_sound(ints, reals, banks, buffer, recent, apart):

@@ -1,9 +1,9 @@
-"""Samples of each of `LANES` identifiers at once: `step.covariance`, in SIMD vectors while samples are ordinary.
+"""Samples of each of `LANES` identifiers at once: `step.single`, in SIMD vectors while samples are ordinary.
 
 Each member has its own arrays.  Samples are taken in stretches of a few.  Before a stretch, members for whom no action
 is due are copied into lanes (`ensemble_exchange`), where they stay from stretch to stretch.  Vectors then take all
 samples of the stretch (`ensemble_ordinary`).  If one of them was not ordinary for a member, that member is reset to the
-begin of the stretch and takes its samples again by `step.covariance.take`.  A member for whom an action is due takes
+begin of the stretch and takes its samples again by `single.take_covariance`.  A member for whom an action is due takes
 them that way at once.  So a member always gets the bits that it would get alone.
 """
 
@@ -13,7 +13,7 @@ from replant.kernels.lanes import LANES, member, members, vectors
 from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 from replant.kernels.schema import LAGS, StateSlots
-from replant.kernels.step import covariance, ensemble, ensemble_ordinary
+from replant.kernels.step import ensemble, ensemble_ordinary, single
 from replant.kernels.step.ensemble_exchange import enter, is_ordinary, leave, note, prepare, width_of
 from replant.kernels.step.ensemble_ordinary import ODD
 from replant.kernels.step.stages import mapped_input
@@ -23,7 +23,7 @@ def take_alone(s, number, start, end, u, y, errors, parameters):
     """Take the samples of one member alone, until it needs attention; return the row after the last one taken."""
     for k in range(start, end):
         now_u, now_y = u[k, number if u.shape[1] > 1 else 0], y[k, number if y.shape[1] > 1 else 0]
-        errors[k, number] = covariance.take(s, now_u, now_y, np.nan, np.nan)
+        errors[k, number] = single.take_covariance(s, now_u, now_y, np.nan, np.nan)
         for i in range(parameters.shape[2]):
             parameters[number, k, i] = s.theta[i] * s.unit[i]
         if s.attention:

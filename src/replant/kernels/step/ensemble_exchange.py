@@ -16,14 +16,17 @@ from replant.kernels.lanes import member
 from replant.kernels.monitoring import interruptions, outliers
 from replant.kernels.native import inlined
 from replant.kernels.schema import LAGS, Alarm, Doubt, StateSlots
+from replant.kernels.step.ensemble_members import exchange
 from replant.kernels.step.ensemble_ordinary import ANEW, BEGAN, COUNT, MODEL, ODD, REST_AFTER, STILL, TIES, WEIGHT
 from replant.kernels.step.fixed_filter import place_of
 
-CHANGED = ("phi", "zeta", "theta", "memory", "colour", "noise")
-READ = ("unit", "settings")
-#: Blocks copied into a lane, and back: the place in ``ints`` that holds the begin of each, and its name.
-INTO = tuple((block.index, block.name) for block in StateSlots.blocks if block.name in CHANGED + READ)
-OUT = tuple((block.index, block.name) for block in StateSlots.blocks if block.name in CHANGED)
+#: Blocks that samples read, and that they change: the place in ``ints`` that holds the begin of each, and its name.
+READ = tuple((block.index, block.name) for block in StateSlots.blocks if block.name in ("unit", "settings"))
+CHANGED = tuple(
+    (block.index, block.name)
+    for block in StateSlots.blocks
+    if block.name in ("phi", "zeta", "theta", "memory", "colour", "noise")
+)
 
 
 def turned(row, size, newest, place):
@@ -39,60 +42,51 @@ def width_of(s):
 
 def enter(own, ints, reals, models, lane, places):
     """Copy an identifier into a lane."""
-    for i in range(own.ints.size):
-        ints[lane, i] = own.ints[i]
-    for i in range(at.SCALARS):
-        reals[i, lane] = own.reals[i]
-    for place, name in INTO:
+    for place, name in READ:
         begin = own.ints[place]
         for i in range(getattr(own, name).size):
             reals[begin + i, lane] = own.reals[begin + i]
-    s, T = member(ints, reals, lane), own.entries
-    rows, filtered = s.noise.rows, s.colour.filtered
-    for row in range(LAGS + 1):
-        other = turned(row, LAGS + 1, int(own.noise.position), places[0])
-        for i in range(2 * T + 1):
-            rows[row, i] = own.noise.rows[other, i]
-    for row in range(LAGS):
-        other = turned(row, LAGS, int(own.colour.position), places[1])
-        for i in range(T):
-            filtered[row, i] = own.colour.filtered[other, i]
-    for b in range(2):
-        enter_bank(own, own.banks[own.serving_bank if b == 0 else 3 - own.serving_bank], models[b], lane)
-
-
-def enter_bank(own, bank, model, lane):
-    """Copy a bank into a lane, with its discretisation for the sampling time."""
     n, T = own.order, own.entries
-    end, begin = bk.at_kept(n, T), place_of(bank, n, T, own.interval)
-    for i in range(end):
-        model[i, lane] = bank[i]
-    for i in range(1 + n * n + 2 * n):
-        model[end + i, lane] = bank[begin + i]
+    end = bk.at_kept(n, T)
+    for b in range(2):
+        bank = own.banks[own.serving_bank if b == 0 else 3 - own.serving_bank]
+        for i in range(end):
+            models[b, i, lane] = bank[i]
+        begin = place_of(bank, n, T, own.interval)
+        for i in range(1 + n * n + 2 * n):
+            models[b, end + i, lane] = bank[begin + i]
+    exchange_numbers(own, ints, reals, models, lane, places, False)
 
 
 def leave(own, ints, reals, models, lane, places):
     """Copy a lane back to its identifier."""
+    exchange_numbers(own, ints, reals, models, lane, places, True)
+
+
+@inlined
+def exchange_numbers(own, ints, reals, models, lane, places, back):
+    """Copy what samples change into a lane, or ``back``."""
     for i in range(own.ints.size):
-        own.ints[i] = ints[lane, i]
+        own.ints[i], ints[lane, i] = exchange(own.ints[i], ints[lane, i], back)
     for i in range(at.SCALARS):
-        own.reals[i] = reals[i, lane]
-    for place, name in OUT:
+        own.reals[i], reals[i, lane] = exchange(own.reals[i], reals[i, lane], back)
+    for place, name in CHANGED:
         begin = own.ints[place]
         for i in range(getattr(own, name).size):
-            own.reals[begin + i] = reals[begin + i, lane]
-    s, T = member(ints, reals, lane), own.entries
+            own.reals[begin + i], reals[begin + i, lane] = exchange(own.reals[begin + i], reals[begin + i, lane], back)
+    s, n, T = member(ints, reals, lane), own.order, own.entries
     rows, filtered = s.noise.rows, s.colour.filtered
     for row in range(LAGS + 1):
         other = turned(row, LAGS + 1, int(own.noise.position), places[0])
         for i in range(2 * T + 1):
-            own.noise.rows[other, i] = rows[row, i]
+            own.noise.rows[other, i], rows[row, i] = exchange(own.noise.rows[other, i], rows[row, i], back)
     for row in range(LAGS):
         other = turned(row, LAGS, int(own.colour.position), places[1])
         for i in range(T):
-            own.colour.filtered[other, i] = filtered[row, i]
-    n = own.order
-    for b in range(2):
+            own.colour.filtered[other, i], filtered[row, i] = exchange(
+                own.colour.filtered[other, i], filtered[row, i], back
+            )
+    for b in range(2 if back else 0):  # the identifier's banks have the rest of a bank themselves
         bank = own.banks[own.serving_bank if b == 0 else 3 - own.serving_bank]
         for i in range(bk.at_states(n, T), bk.at_kept(n, T)):
             bank[i] = models[b, i, lane]

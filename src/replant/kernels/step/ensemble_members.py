@@ -14,7 +14,7 @@ from replant.kernels.optimizers.memory import draw_below
 from replant.kernels.step.fixed_filter import cut_rings, keep_input
 from replant.kernels.step.stages import acceptable, draw_rows, keep_and_write, keep_estimate, keep_sample
 
-# Vectors of the work space, after the 2 n that `fixed_filter.advance_states` uses.
+# Vectors of the work space, after the 2 n that `fixed_filter.advance_filters` uses.
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
 ASIDE_SCALARS = 3  # vectors of the work space behind ASIDE [count]
 
@@ -141,21 +141,10 @@ def fetch_ahead(s, buffer):
             prefetch(buffer, row, j)
 
 
-@inlined
 def learn(s, estimate, buffer, rows, batch):
     """Let the optimizer of the members learn the first ``batch`` of the rows."""
-    loops.learn(s.algorithm, estimate[0], estimate[1], estimate[6], buffer, rows, batch, 0, 0.0)
-
-
-def learn_alike(s, arrays, estimate, batch):
-    """Let level members learn the rows that they share."""
-    learn(s, estimate, vectors(arrays[3]), estimate[7], batch)
-
-
-def learn_drawn(s, work, estimate, batch):
-    """Let each member learn the last ``batch`` of the rows that it has drawn."""
-    order = work[2]
-    learn(s, estimate, vectors(work[1]), order[order.size - batch :], batch)
+    theta, memory, _, _, _, _, settings, _ = estimate
+    loops.learn(s.algorithm, theta, memory, settings, buffer, rows, batch, 0, 0.0)
 
 
 def draw_each(ints, reals, live, buffer, newest, apart):
@@ -203,14 +192,14 @@ def learn_each_its_own(arrays, s, apart, work, estimate):
     fewest, most = draw_each(ints, reals, live, buffer, drawn[order.size - 1], apart)
     gather(ints, reals, buffer, drawn, picked, most, apart)
     if fewest < most:  # some buffers are not warm yet: their members learn the newest sample alone
-        learn_drawn(s, work, estimate, fewest)  # fewest is 1
+        learn(s, estimate, vectors(drawn), order[order.size - fewest :], fewest)  # fewest is 1
         for i in range(theta.size):
             learned[i] = theta[i]
             theta[i] = kept_theta[i]
         for i in range(memory.size):
             learned[theta.size + i] = memory[i]
             memory[i] = kept_memory[i]
-    learn_drawn(s, work, estimate, most)
+    learn(s, estimate, vectors(drawn), order[order.size - most :], most)
     if fewest < most:
         for lane in range(LANES):
             one = member(ints, reals, lane)
@@ -243,7 +232,7 @@ def update_estimate(arrays, s, apart, shared, work, estimate, target):
         batch = draw_rows(s, rows)
         if s.batch_size > 1:
             fetch_ahead(s, stored)
-        learn_alike(s, arrays, estimate, batch)
+        learn(s, estimate, stored, rows, batch)
     else:
         drawn = vectors(work[1])
         error = keep_and_write(s, drawn[s.batch_size - 1], estimate, target)

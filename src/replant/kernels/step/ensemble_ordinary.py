@@ -1,8 +1,9 @@
 """An ordinary sample of `LANES` identifiers at once, with a refined filter and an optimizer that keeps a covariance.
 
-A sample is ordinary if `step.covariance.take` does nothing but arithmetic with it: it is accepted, neither at rest nor
-in doubt, and no action is due.  The stages below are those of `take` for vectors, with sums in the same order, so that
-a member gets the same bits.  A test that a member fails marks its lane in ODD; the lane is invalid from then on.
+A sample is ordinary if `single.take_covariance` does nothing but arithmetic with it: it is accepted, neither at rest
+nor in doubt, and no action is due.  The stages below are those of `take_covariance` for vectors, with sums in the same
+order, so that a member gets the same bits.  A test that a member fails marks its lane in ODD; the lane is invalid from
+then on.
 
 Arguments: ``s`` the fields of all members; ``models`` (2, size), the banks of the serving auxiliary model and of the
 warming one, each with the one discretisation of a regular clock; ``beside`` the vectors listed below; ``places`` the
@@ -11,6 +12,7 @@ rows of the newest sample in the rings of the noise model and of the residual's 
 
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
+from replant.kernels.filters import chain
 from replant.kernels.filters.whitening import add_residuals, before
 from replant.kernels.lanes import if_at_most, if_less
 from replant.kernels.monitoring import interruptions, outliers, scatter
@@ -67,26 +69,14 @@ def advance(s, bank, y, start, end):
     """Advance a bank by one interval, and predict its output: `chain.observe`."""
     n, T, work = s.order, s.entries, s.work
     slot = bk.at_kept(n, T)
-    bk.advance_two(bank, n, T, slot, bk.OUTPUT, s.last_output, y, bk.INPUT, start, end, work)
-    bk.advance_two(bank, n, T, slot, bk.IMPULSE, 0.0, 0.0, bk.CONSTANT, 1.0, 1.0, work)
+    bk.advance_two(bank, n, T, slot, bk.OUTPUT, s.last_output, y, start, end, work)
+    bk.advance_two(bank, n, T, slot, bk.IMPULSE, 0.0, 0.0, 1.0, 1.0, work)
     output = bk.fill_known_entries(
         bank, n, T, s.input_entries, bk.INPUT, s.input_now, s.has_constant, True, False, s.zeta
     )
     bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.INSTRUMENT], output, work)
     bank[bk.INSTRUMENT] = output
     bank[bk.MODEL_OUTPUT] = output
-
-
-@inlined
-def fill_regressor(s, bank, y):
-    """Fill phi and zeta and return the scaled target: `chain.fill_regressor`."""
-    n, T = s.order, s.entries
-    target = bk.fill_output_entries(bank, n, T, bk.OUTPUT, y, s.phi)
-    bk.fill_known_entries(bank, n, T, s.input_entries, bk.INPUT, s.input_now, s.has_constant, True, False, s.phi)
-    for i in range(n, T):
-        s.zeta[i] = s.phi[i]
-    bk.fill_output_entries(bank, n, T, bk.MODEL, bank[bk.INSTRUMENT], s.zeta)
-    return target / s.output_scale
 
 
 @inlined
@@ -182,7 +172,7 @@ def watch(s, beside, alpha, white):
 
 @inlined
 def take(s, models, beside, places, companion, how, u, y):
-    """Take one sample, as `step.covariance.take` does; return the error in the unit of y.
+    """Take one sample, as `step.single.take_covariance` does; return the error in the unit of y.
 
     ``companion`` (T + 1,) becomes zeta and the target as learned; ``how``: whether a noise model filters, and whether
     the optimizer forgets.
@@ -201,7 +191,7 @@ def take(s, models, beside, places, companion, how, u, y):
         advance(s, models[b], y, start, end)
     serving = models[0]
     s.last_output = y
-    target = fill_regressor(s, serving, y)
+    target = chain.fill_regressor(s, serving, y, False)
     error = outliers.equation_error(s, target)
     examine(s, beside, serving[bk.MODEL_OUTPUT], error, y)
     beside[COUNT] += 1.0

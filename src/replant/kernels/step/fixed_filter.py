@@ -1,8 +1,8 @@
 """One sample of the article's method: gradient family, fixed filter, regular clock.
 
-No instruments, no dead time, fewer zeros than poles.  The result equals that of `step.gradient` to the bit, so each
-kernel can continue from the state of the other.  One interval needs one discretisation, so the arrays that a sample
-needs are cut once a call.  benchmarks/kernels.py measures the ratio to C.
+No instruments, no dead time, fewer zeros than poles.  The result equals that of `single.take_gradient` to the bit, so
+each kernel can continue from the state of the other.  One interval needs one discretisation, so the arrays that a
+sample needs are cut once a call.  benchmarks/kernels.py measures the ratio to C.
 """
 
 import numpy as np
@@ -13,17 +13,7 @@ from replant.kernels.monitoring.outliers import equation_error
 from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Matrix, Reals, inlined, kernel, short_loops
 from replant.kernels.optimizers import gradient as loops
 from replant.kernels.schema import StateSlots
-from replant.kernels.step.stages import (
-    acceptable,
-    cut_estimate,
-    draw_rows,
-    keep_and_write,
-    keep_estimate,
-    keep_sample,
-    mapped_input,
-    may_learn,
-    undo_unless_finite,
-)
+from replant.kernels.step import stages
 
 
 @inlined
@@ -38,7 +28,7 @@ def place_of(bank, n, T, interval):
 
 @inlined
 def cut_filters(s, bank, place):
-    """Return the arrays of `advance_states`, of the exact solution that begins at ``place``.
+    """Return the arrays of `bank.follow_two`, of the exact solution that begins at ``place``.
 
     A (n n,), the responses to constant and ramp (n,); the states of output, then input, and room for new ones (2 n,).
     """
@@ -79,32 +69,6 @@ def cut_regressor(s, bank):
     )
 
 
-@inlined
-def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
-    """Compute the filter states after one interval: output and input start at y and u and rise along straight lines.
-
-    `settle` copies them at the end: the regressor is on the critical path, so it is made of ``new`` itself.
-    """
-    n = constant.size
-    wy, wu, new_wy, new_wu = states, states[n:], new, new[n:]
-    for i in range(n):
-        row = A[i * n :]
-        sy = constant[i] * y + ramp[i] * rise_y
-        su = constant[i] * u + ramp[i] * rise
-        for j in range(n):
-            sy += row[j] * wy[j]
-            su += row[j] * wu[j]
-        new_wy[i] = sy  # (7)
-        new_wu[i] = su
-
-
-@inlined
-def settle(states, new):
-    """Replace the states by the new ones."""
-    for i in range(states.size):
-        states[i] = new[i]
-
-
 def discretize(s, bank):
     """Make the one discretisation that a regular clock needs, unless it is there."""
     n, T = s.order, s.entries
@@ -133,11 +97,14 @@ def keep_input(s, rings, u, last, interval):
 
 @inlined
 def advance_filters(s, filters, last, u, y):
-    """Advance the filter states from the previous sample, with input ``last``, to this one by (6)-(7)."""
+    """Compute the filter states after the previous sample, with input ``last``, and its interval by (6)-(7).
+
+    `bank.settle` copies them at the end: the regressor is on the critical path, so it is made of the new ones.
+    """
     A, constant, ramp, states, new = filters
     last_y = s.last_output
     rise = u - last if s.straight_input else 0.0
-    advance_states(A, constant, ramp, states, new, last_y, y - last_y, last, rise)
+    bk.follow_two(A, constant, ramp, states, new, last_y, y - last_y, last, rise)
     s.input_now = u
 
 
@@ -160,10 +127,10 @@ def fill_regressor(s, regressor, y):
 def update_estimate(s, estimate, target):
     """Learn the newest sample and its batch; undo an update that overflows.  Returns the a-priori error, scaled."""
     theta, memory, _, _, _, _, settings, rows = estimate
-    error = keep_and_write(s, s.buffer[s.buffer_head], estimate, target)
-    batch = draw_rows(s, rows)
+    error = stages.keep_and_write(s, s.buffer[s.buffer_head], estimate, target)
+    batch = stages.draw_rows(s, rows)
     loops.learn(s.algorithm, theta, memory, settings, s.buffer, rows, batch, 0, s.interval)
-    undo_unless_finite(s, estimate)
+    stages.undo_unless_finite(s, estimate)
     return error
 
 
@@ -175,7 +142,7 @@ def cut(s):
         cut_filters(s, s.banks[0], place),
         cut_rings(s),
         cut_regressor(s, s.banks[0]),
-        cut_estimate(s),
+        stages.cut_estimate(s),
     )
 
 
@@ -183,11 +150,11 @@ def cut(s):
 def take(s, cuts, u, y):
     """Take one sample with the arrays of `cut`; return the a-priori error in the unit of y, NaN if rejected."""
     filters, rings, regressor, estimate = cuts
-    u, y = mapped_input(s, u), y - s.output_offset
-    if not acceptable(s, u, y):
+    u, y = stages.mapped_input(s, u), y - s.output_offset
+    if not stages.acceptable(s, u, y):
         return np.nan
     if s.recent_size > 0:
-        keep_sample(s, s.recent, u, y, s.interval)
+        stages.keep_sample(s, s.recent, u, y, s.interval)
     if s.samples > 0:
         s.elapsed += s.interval
     if not s.started:
@@ -198,16 +165,16 @@ def take(s, cuts, u, y):
         advance_filters(s, filters, last, u, y)
     s.last_output = y
     target = fill_regressor(s, regressor, y)
-    settle(filters[3], filters[4])
+    bk.settle(filters[3], filters[4])
     s.samples += 1
-    if may_learn(s):
+    if stages.may_learn(s):
         error = update_estimate(s, estimate, target)
         s.learned = s.samples
     else:
         error = equation_error(s, target)
         s.rested += 1
     if s.samples >= s.past_due:
-        keep_estimate(s)
+        stages.keep_estimate(s)
     return error * s.output_scale
 
 

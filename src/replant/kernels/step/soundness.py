@@ -21,15 +21,9 @@ BLOCKS: Final = tuple((block.index, block.name) for block in StateSlots.blocks)
 #: The slots that kernels use as flags.
 FLAGS: Final = tuple(slot.name for slot in StateSlots.integers if isinstance(slot, Flag))
 
-#: The least number of settings of each optimizer, by its code; `KALMAN_TRACKING` has T more.
-SETTINGS: Final = {
-    gradient.GRADIENT: 1, gradient.ADAM: 4, gradient.AMSGRAD: 4, gradient.ADAGRAD: 2, gradient.RMSPROP: 3,
-    gradient.NADAM: 4, gradient.ADADELTA: 3, gradient.INTEGRAL_COST: 3, covariance.RECURSIVE_LEAST_SQUARES: 1,
-    covariance.KALMAN_TRACKING: 1,
-}  # fmt: skip
 #: For each optimizer: its code, the size of its memory (three coefficients), the least number of its settings.
 OPTIMIZERS: Final = tuple(
-    (code, *memory.end, SETTINGS[code]) for code, memory in (gradient.MEMORY | covariance.MEMORY).items()
+    (code, *memory.end, settings) for code, _, memory, settings in gradient.OPTIMIZERS + covariance.OPTIMIZERS
 )
 
 
