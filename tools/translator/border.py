@@ -48,16 +48,25 @@ def runner(kernel: Any, function: Function, conditions: list[str]) -> str:
     lines, number = [f"static const char *run_{function.name}(argument *a)", "{"], 0
     for name, kind in zip(function.parameters, function.own_kinds, strict=True):
         given = f"a[{number}]"
-        if isinstance(kind, Record):
+        for state in range(_states(kind)):
             arrays = STATE.format(*(f"a[{number + place}]" for place in range(len(ARRAYS))))
-            lines += [f"    State state_{name} = {arrays};", f"    State *{name} = &state_{name};"]
+            lines.append(f"    State {name}_{state} = {arrays};")
+            number += len(ARRAYS)
+        if isinstance(kind, Record):
+            lines.append(f"    State *{name} = &{name}_0;")
+        elif isinstance(kind, Tuple):
+            own, each = function.program.type_of(kind), (f"&{name}_{state}" for state in range(_states(kind)))
+            lines += [
+                f"    const {own} all_{name} = {{ {', '.join(each)} }};",
+                f"    const {own} *{name} = &all_{name};",
+            ]
         elif isinstance(kind, Array):
             sizes = ", ".join(f"{given}.n[{axis}]" for axis in range(kind.dimensions))
             lines.append(f"    {kind.name} {name} = {{ {given}.p, {sizes} }};")
         else:
             field = "d" if kind == "d" else "i != 0" if kind == "b" else "i"
             lines.append(f"    {_scalar(kind)} {name} = {given}.{field};")
-        number += len(ARRAYS) if isinstance(kind, Record) else 1
+        number += 0 if _states(kind) else 1
     for text, condition in zip(kernel.requirements, conditions, strict=True):
         lines += [f"    if (!{condition})", f'        return "{text}";']
     call = f"{function.name}({', '.join(function.parameters)})"
@@ -75,7 +84,7 @@ def runner(kernel: Any, function: Function, conditions: list[str]) -> str:
 def given(function: Function) -> Iterator[tuple[str, Kind, bool]]:
     """Go through what Python gives: name, kind, and whether it is written."""
     for name, kind in zip(function.parameters, function.own_kinds, strict=True):
-        for part, own in ARRAYS.items() if isinstance(kind, Record) else [(name, kind)]:
+        for part, own in [*ARRAYS.items()] * _states(kind) or [(name, kind)]:
             yield part, own, name in function.written
 
 
@@ -148,6 +157,11 @@ def _list(kind: str, name: str, functions: list[str]) -> str:
     """Return the C list of some functions of a file, as the border has them."""
     head = f"const {kind} OF_VARIANT({name})[]"
     return "\n".join([f"extern {head};", f"{head} = {{", *(f"    {function}," for function in functions), "};"])
+
+
+def _states(kind: Kind) -> int:
+    """Return how many states an argument is."""
+    return len(kind.parts) if isinstance(kind, Tuple) else int(isinstance(kind, Record))
 
 
 def _scalar(kind: Kind | None) -> str:

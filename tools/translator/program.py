@@ -198,6 +198,9 @@ def entry_kinds(function: Callable[..., Any]) -> tuple[Kind, ...]:
         if text == "StateSlots":
             kinds.append(Record(function.__globals__[text]))
             continue
+        if text == "States":
+            kinds.append(Tuple((Record(function.__globals__[text].__args__[0]),) * function.__globals__["LANES"]))
+            continue
         if text not in ANNOTATIONS:
             where = f"{inspect.getsourcefile(function)}:{first}"
             raise UnsupportedError(f"{where}: {argument.arg} needs one of the annotations {', '.join(ANNOTATIONS)}")

@@ -23,6 +23,7 @@ from replant.errors import UnsupportedDependencyError
 from replant.kernels.schema import Attention, StateSlots
 from replant.kernels.slot_tables import Fields
 
+States = tuple[StateSlots, ...]  # of LANES members, which Python gives as their arrays one after the other
 Ints = np.ndarray[Any, np.dtype[np.int64]]
 IntMatrix = np.ndarray[Any, np.dtype[np.int64]]
 Reals = np.ndarray[Any, np.dtype[np.float64]]
@@ -34,8 +35,8 @@ LIBRARY = (
     FOLDER / "compiled" / {"win32": "libreplant.dll", "darwin": "libreplant.dylib"}.get(sys.platform, "libreplant.so")
 )
 KERNELS: list["Kernel"] = []  # in the order in which they were defined
-# addresses and shapes of five arrays, the gate, the number of the step kernel; the size of the table
-INTS, REALS, BANKS, BUFFER, RECENT, GATE, KIND, SIZE = 0, 2, 4, 7, 10, 13, 14, 15  # places in a step's table [index]
+# after the addresses and shapes of five arrays; behind it the number of the step kernel
+GATE = 13  # place of the gate in a step's table [index]
 OPEN, SHUT = 0, 1  # values of the gate: samples are taken, or refused because another call is running [number]
 
 # Conditions on the arrays of a state, see `replant.kernels.step.soundness`.

@@ -21,6 +21,7 @@ Theory for the User", sections 7.3 and 10.3.
 import math
 
 from replant.kernels.filters.autoregressions import nested_models
+from replant.kernels.native import inlined
 from replant.kernels.schema import LAGS, Doubt
 
 # beyond half an interval another sample is nearest in time
@@ -32,6 +33,21 @@ ENOUGH = 64.0  # residuals needed to renew the noise model [samples]
 def before(row):
     """Return the row of the ring written before this one."""
     return row - 1 if row > 0 else LAGS
+
+
+@inlined
+def earlier_rows(noise, row):
+    """Return the four rows of the ring before this one, the newest first."""
+    first = before(row)
+    second = before(first)
+    third = before(second)
+    return noise.rows[first], noise.rows[second], noise.rows[third], noise.rows[before(third)]
+
+
+@inlined
+def white(row, earlier, d, i):
+    """Return entry ``i`` of a row filtered by D(q); of ``d``, d_1 .. d_4, those beyond the order are zero."""
+    return row[i] + d[0] * earlier[0][i] + d[1] * earlier[1][i] + d[2] * earlier[2][i] + d[3] * earlier[3][i]
 
 
 def filter_row(T, noise, phi, zeta, target):
@@ -51,19 +67,13 @@ def filter_row(T, noise, phi, zeta, target):
     if noise.order == 0.0 or noise.filters == 0.0:
         return target
     weight = math.sqrt(noise.gain * noise.variances[0] / noise.variances[lags])
-    d = noise.models[lags]
-    # coefficients beyond the order are zero, so that all four earlier rows can be read at once
-    d_1, d_2, d_3, d_4 = d[1], d[2], d[3], d[4]
-    first = before(newest)
-    second = before(first)
-    third = before(second)
-    row_1, row_2, row_3, row_4 = noise.rows[first], noise.rows[second], noise.rows[third], noise.rows[before(third)]
+    model, earlier = noise.models[lags], earlier_rows(noise, newest)
+    d = model[1], model[2], model[3], model[4]
     for i in range(T):
-        phi[i] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
-    for i in range(T, 2 * T):
-        zeta[i - T] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
-    i = 2 * T
-    return weight * (target + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
+        phi[i] = weight * white(row, earlier, d, i)
+    for i in range(T):
+        zeta[i] = weight * white(row, earlier, d, T + i)
+    return weight * white(row, earlier, d, 2 * T)
 
 
 def gain(s):

@@ -104,16 +104,11 @@ def equation_error(s, target):
     return error
 
 
-def own_noise(s):
-    """Return the residual's variance in the unit of the optimizer's covariance."""
-    return second.own_noise(s.algorithm, s.entries, s.memory, s.settings)
-
-
 def variance_ratio(s):
     """Return the variance of the newest a-priori error over the residual's: above 1 if parameters are uncertain."""
     U, D = second.factors_of(s)
     along = second.variance_along(U, D, s.zeta if s.instruments else s.phi)
-    return 1.0 + whitening.gain(s) * along / own_noise(s)
+    return 1.0 + whitening.gain(s) * along / second.own_noise(s)
 
 
 def is_harmful(s, square):
@@ -257,7 +252,7 @@ def observe(s, u, y, interval):
 def begins_anew(s):
     """Return whether the newest error is due to an initial state still unknown after a gap, so is not a residual."""
     alpha = second.alpha_of(s)
-    return s.gap_at > 0 and alpha > UNKNOWN * own_noise(s)
+    return s.gap_at > 0 and alpha > UNKNOWN * second.own_noise(s)
 
 
 def is_calm(s):
@@ -308,7 +303,7 @@ def watch(s, learned, white):
         return
     if learned and s.doubt == Doubt.NONE and s.learned == s.samples:
         alpha = second.alpha_of(s)
-        s.variance_ratio = max(alpha / own_noise(s), 1.0)
+        s.variance_ratio = max(alpha / second.own_noise(s), 1.0)
     square = s.error * s.error / s.variance_ratio
     s.residuals_seen += 1.0
     if s.residuals_seen > ENOUGH:

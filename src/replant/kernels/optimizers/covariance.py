@@ -194,8 +194,8 @@ def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, in
         kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval)
 
 
-def own_noise(algorithm, P, memory, settings):
+def own_noise(s):
     """Return the residual's variance in the unit of the covariance: the tracked one, or the forgetting factor."""
-    if algorithm == KALMAN_TRACKING:
-        return memory[place(AT_NOISE, P)]
-    return settings[0]
+    if s.algorithm == KALMAN_TRACKING:
+        return s.memory[place(AT_NOISE, s.entries)]
+    return s.settings[0]

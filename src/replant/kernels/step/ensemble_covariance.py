@@ -10,10 +10,10 @@ them that way at once.  So a member always gets the bits that it would get alone
 import numpy as np
 
 from replant.kernels.lanes import LANES, member, members, vectors
-from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
+from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, States, inlined, kernel
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
-from replant.kernels.schema import LAGS, StateSlots
-from replant.kernels.step import ensemble, ensemble_ordinary, single
+from replant.kernels.schema import LAGS
+from replant.kernels.step import ensemble, ensemble_ordinary, single, soundness
 from replant.kernels.step.ensemble_exchange import enter, is_ordinary, leave, note, prepare, width_of
 from replant.kernels.step.ensemble_ordinary import ODD
 from replant.kernels.step.stages import mapped_input
@@ -100,36 +100,35 @@ def fits(s, first):
     return same and known
 
 
+def are_sound(states):
+    """Return whether the arrays of all members are large enough, and they can be stepped side by side."""
+    for lane in range(LANES):
+        if not (soundness.is_sound(states[lane]) and fits(states[lane], states[0])):
+            return False
+    return True
+
+
 def has_room(s, models):
     """Return whether the array has room for two banks of each member."""
     return models.shape[0] == 2 and models.shape[1] >= width_of(s) and models.shape[2] == LANES
 
 
 @kernel(
-    "is_sound(one) and is_sound(two) and is_sound(three) and is_sound(four)",
-    "is_sound(five) and is_sound(six) and is_sound(seven) and is_sound(eight)",
-    "is_sound(nine) and is_sound(ten) and is_sound(eleven) and is_sound(twelve)",
-    "is_sound(thirteen) and is_sound(fourteen) and is_sound(fifteen) and is_sound(sixteen)",
-    "fits(one, one) and fits(two, one) and fits(three, one) and fits(four, one)",
-    "fits(five, one) and fits(six, one) and fits(seven, one) and fits(eight, one)",
-    "fits(nine, one) and fits(ten, one) and fits(eleven, one) and fits(twelve, one)",
-    "fits(thirteen, one) and fits(fourteen, one) and fits(fifteen, one) and fits(sixteen, one)",
+    "are_sound(states)",
     "1 <= live.size <= LANES and taken.size == live.size and numbers.size == LANES",
-    "ints.shape[0] == LANES and ints.shape[1] == one.ints.size and reals.shape[1] == LANES",
-    "reals.shape[0] == one.reals.size and kept.shape[0] == reals.shape[0] and kept.shape[1] == LANES",
-    "has_room(one, models) and has_room(one, kept_models) and kept_models.shape[1] == models.shape[1]",
+    "ints.shape[0] == LANES and ints.shape[1] == states[0].ints.size and reals.shape[1] == LANES",
+    "reals.shape[0] == states[0].reals.size and kept.shape[0] == reals.shape[0] and kept.shape[1] == LANES",
+    "has_room(states[0], models) and has_room(states[0], kept_models) and kept_models.shape[1] == models.shape[1]",
     "beside.shape[0] == ensemble_ordinary.BESIDE and beside.shape[1] == LANES",
-    "companion.shape[0] > one.entries and companion.shape[1] == LANES",
+    "companion.shape[0] > states[0].entries and companion.shape[1] == LANES",
     "tile.shape[0] == 3 and tile.shape[1] >= 1 and tile.shape[2] == LANES",
     "estimates.shape[0] >= tile.shape[1] and estimates.shape[1] == parameters.shape[2] and estimates.shape[2] == LANES",
-    "parameters.shape[2] <= one.entries and 0 <= start and y.shape[0] == u.shape[0] <= errors.shape[0]",
+    "parameters.shape[2] <= states[0].entries and 0 <= start and y.shape[0] == u.shape[0] <= errors.shape[0]",
     "ensemble.are_within(numbers, u, y, errors) and errors.shape[1] <= parameters.shape[0]",
     "parameters.shape[1] >= u.shape[0]",
 )
 def steps(
-    one: StateSlots, two: StateSlots, three: StateSlots, four: StateSlots, five: StateSlots, six: StateSlots,
-    seven: StateSlots, eight: StateSlots, nine: StateSlots, ten: StateSlots, eleven: StateSlots,
-    twelve: StateSlots, thirteen: StateSlots, fourteen: StateSlots, fifteen: StateSlots, sixteen: StateSlots,
+    states: States,
     numbers: Ints, live: Ints, taken: Ints, ints: IntMatrix, reals: Matrix,
     kept: Matrix, models: Cube, kept_models: Cube, beside: Matrix, companion: Matrix, tile: Cube, estimates: Cube,
     start: int, u: Matrix, y: Matrix, errors: Matrix, parameters: Cube,
@@ -139,7 +138,7 @@ def steps(
     Returns the row after it.  ``taken`` becomes the row that each member has reached: that one, unless it needs
     attention.
 
-    ``numbers`` (LANES,) are the places of the states ``one`` to ``sixteen`` among the M members of the ensemble; states
+    ``numbers`` (LANES,) are the places of the ``states`` among the M members of the ensemble; states
     beyond the size of ``live`` and ``taken`` are not stepped.  ``u`` and ``y`` have a column for each member, (K, M),
     or one for all, (K, 1); ``errors`` is (K, M), ``parameters`` (M, K, size).
 
@@ -147,12 +146,8 @@ def steps(
     (2, B, LANES), ``beside`` (BESIDE, LANES), ``companion`` (T + 1, LANES), ``tile`` (3, R, LANES) and ``estimates``
     (R, size, LANES) for stretches of R samples.
     """
-    states = (
-        one, two, three, four, five, six, seven, eight,
-        nine, ten, eleven, twelve, thirteen, fourteen, fifteen, sixteen,
-    )  # fmt: skip
     work = (beside, companion, tile, estimates)
-    white, coloured, row, goes_on, forgets = 0, 0, start, True, one.settings[0] < 1.0
+    white, coloured, row, goes_on, forgets = 0, 0, start, True, states[0].settings[0] < 1.0
     for lane in range(LANES):
         enter(states[lane], ints, reals, models, lane, (white, coloured))
         if lane < live.size:

@@ -12,8 +12,7 @@ rows of the newest sample in the rings of the noise model and of the residual's 
 
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
-from replant.kernels.filters import chain
-from replant.kernels.filters.whitening import add_residuals, before
+from replant.kernels.filters import chain, whitening
 from replant.kernels.lanes import if_at_most, if_less
 from replant.kernels.monitoring import interruptions, outliers, scatter
 from replant.kernels.native import inlined
@@ -103,11 +102,7 @@ def examine(s, beside, modelled, error, y):
 def whiten(s, beside, place, target, filters):
     """Keep the newest row, and filter it where a noise model ``filters``; return its target: `whitening.filter_row`."""
     noise, phi, zeta, T = s.noise, s.phi, s.zeta, s.entries
-    one = before(place)
-    two = before(one)
-    three = before(two)
-    row, row_1, row_2, row_3 = noise.rows[place], noise.rows[one], noise.rows[two], noise.rows[three]
-    row_4 = noise.rows[before(three)]
+    row, earlier = noise.rows[place], whitening.earlier_rows(noise, place)
     for i in range(T):
         row[i] = phi[i]
         row[T + i] = zeta[i]
@@ -115,16 +110,12 @@ def whiten(s, beside, place, target, filters):
     if not filters:
         return target
     # the weight is 0 for members whose noise model does not filter
-    weight, d_1, d_2, d_3, d_4 = beside[WEIGHT], beside[MODEL], beside[MODEL + 1], beside[MODEL + 2], beside[MODEL + 3]
+    weight, d = beside[WEIGHT], (beside[MODEL], beside[MODEL + 1], beside[MODEL + 2], beside[MODEL + 3])
     for i in range(T):
-        white = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
-        phi[i] = if_less(0.0, weight, white, phi[i])
-    for i in range(T, 2 * T):
-        white = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
-        zeta[i - T] = if_less(0.0, weight, white, zeta[i - T])
-    i = 2 * T
-    white = weight * (target + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
-    return if_less(0.0, weight, white, target)
+        phi[i] = if_less(0.0, weight, weight * whitening.white(row, earlier, d, i), phi[i])
+    for i in range(T):
+        zeta[i] = if_less(0.0, weight, weight * whitening.white(row, earlier, d, T + i), zeta[i])
+    return if_less(0.0, weight, weight * whitening.white(row, earlier, d, 2 * T), target)
 
 
 @inlined
@@ -200,7 +191,7 @@ def take(s, models, beside, places, companion, how, u, y):
         target = whiten(s, beside, places[0], target, filters)
         white = outliers.equation_error(s, target)
         unless_at_most(beside, newest_alpha, beside[ANEW])
-        add_residuals(s.noise, places[0], s.theta, s.work, s.settings[0])
+        whitening.add_residuals(s.noise, places[0], s.theta, s.work, s.settings[0])
     for i in range(s.entries):
         companion[i] = s.zeta[i]
     companion[s.entries] = target
