@@ -223,11 +223,12 @@ def begin(bank, n, T):
     bank[INSTRUMENT] = 0.0
 
 
-def fill_known_entries(bank, n, T, inputs, channel, u, constant, nuisances, fixed, phi):
+def fill_known_entries(s, bank, channel, u, constant, fixed, phi):
     """Fill the regressor's entries of input, constant and initial state; return the auxiliary model's output from them.
 
     The entries of the input are s^m/D u .. s^0/D u; its filter is ``channel``, and ``u`` is its delayed value now.
     """
+    n, T, inputs, nuisances = s.order, s.entries, s.input_entries, s.refined
     characteristic, gain, weights, states = DENOMINATOR + n, at_gain(n), at_weights(n, T), at_states(n, T)
     proper, last = min(inputs, n), n + inputs
     w, first = states + channel * n + n - proper, n + inputs - proper

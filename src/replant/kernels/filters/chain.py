@@ -234,20 +234,18 @@ def renew_model(s):
     return taken_over
 
 
-def fill_regressor(s, bank, y, fixed):
+def fill_regressor(s, bank, y):
     """Fill phi and zeta from a bank and return the scaled target s^n/D y.
 
     The linear form is (4) with lambda on the left: s^n/Lambda y = phi' [a, b].  So the estimate has the plant's
     parameters for any filter, and the error is that of (8).
     """
-    n, T, inputs, constant = s.order, s.entries, s.input_entries, s.has_constant
-    refined = s.refined
+    n, T, constant, fixed = s.order, s.entries, s.has_constant, not s.refined
     target = bk.fill_output_entries(bank, n, T, bk.OUTPUT, y, s.phi)
-    bk.fill_known_entries(bank, n, T, inputs, bk.INPUT, s.input_now, constant, refined, fixed, s.phi)
+    bk.fill_known_entries(s, bank, bk.INPUT, s.input_now, constant, fixed, s.phi)
     if s.instruments:
         if s.has_reference:
-            now = s.reference_input_now
-            bk.fill_known_entries(bank, n, T, inputs, bk.REFERENCE_INPUT, now, constant, refined, fixed, s.zeta)
+            bk.fill_known_entries(s, bank, bk.REFERENCE_INPUT, s.reference_input_now, constant, fixed, s.zeta)
         else:
             for i in range(n, T):
                 s.zeta[i] = s.phi[i]
@@ -255,18 +253,15 @@ def fill_regressor(s, bank, y, fixed):
     return target / s.output_scale
 
 
-def model_output(s, bank, slot, before, fixed):
+def model_output(s, bank, slot, before):
     """Return the output predicted by a bank's model, before the newest output is used.
 
     ``slot``: the discretisation of the newest interval; ``before`` (n,): the OUTPUT states before it, overwritten.
     """
-    n, T = s.order, s.entries
-    known = bk.fill_known_entries(
-        bank, n, T, s.input_entries, bk.INPUT, s.input_now, s.has_constant, s.refined, fixed, s.zeta,
-    )  # fmt: skip
+    known = bk.fill_known_entries(s, bank, bk.INPUT, s.input_now, s.has_constant, False, s.zeta)
     if bank[bk.REFLECTED] == 0.0 or slot == 0:
         return known
-    return bk.predicted_output(bank, n, T, bank[slot + 1 :], s.last_output, known, before, s.work)
+    return bk.predicted_output(bank, s.order, s.entries, bank[slot + 1 :], s.last_output, known, before, s.work)
 
 
 def filters_begin(s, u, y, interval):
@@ -307,7 +302,7 @@ def observe(s, u, y, interval):
             continue
         output = serving
         if b > 0:
-            output = model_output(s, bank, slot, before, b == 0)
+            output = model_output(s, bank, slot, before)
             if b == s.serving_bank:
                 serving = output
         if refined or b == 0:
@@ -317,7 +312,7 @@ def observe(s, u, y, interval):
             bank[bk.INSTRUMENT] = signal
             bank[bk.MODEL_OUTPUT] = output
     s.last_output = y
-    target = fill_regressor(s, s.banks[s.serving_bank if refined else 0], y, not refined)
+    target = fill_regressor(s, s.banks[s.serving_bank if refined else 0], y)
     if s.unknown_input > 0.0:  # the delayed input is unknown: the sample carries no information
         for i in range(T):
             s.phi[i] = s.zeta[i] = 0.0

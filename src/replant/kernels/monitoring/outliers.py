@@ -192,8 +192,7 @@ def stands(s, y, modelled):
 
 def advance_outputs(s, y, interval, first):
     """Replace the newest output by ``y``: reset the output's filters and advance them again; return the target."""
-    n, T, last, kept = s.order, s.entries, s.used_output, s.backup
-    refined = s.refined
+    n, T, last, kept, refined = s.order, s.entries, s.used_output, s.backup, s.refined
     for b in range(3):
         bank = s.banks[b]
         states = bk.at_states(n, T) + bk.OUTPUT * n
@@ -205,7 +204,7 @@ def advance_outputs(s, y, interval, first):
         slot = bk.discretization(bank, n, T, interval, s.work)
         bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last, y, s.work)
     s.last_output = y
-    return chain.fill_regressor(s, s.banks[s.serving_bank if refined else 0], y, not refined)
+    return chain.fill_regressor(s, s.banks[s.serving_bank if refined else 0], y)
 
 
 def keep_outputs(s):

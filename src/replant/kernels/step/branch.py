@@ -31,7 +31,7 @@ def respond(s, u, interval, constant, row):
         bk.advance_channel(bank, n, T, bk.IMPULSE, slot, 0.0, 0.0, work)
         if constant:
             bk.advance_channel(bank, n, T, bk.CONSTANT, slot, 1.0, 1.0, work)
-    output = bk.fill_known_entries(bank, n, T, s.input_entries, bk.INPUT, s.input_now, constant, True, False, row)
+    output = bk.fill_known_entries(s, bank, bk.INPUT, s.input_now, constant, False, row)
     if not first:
         bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.INSTRUMENT], output, work)
     bank[bk.INSTRUMENT] = bank[bk.MODEL_OUTPUT] = output

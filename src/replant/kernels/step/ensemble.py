@@ -19,8 +19,7 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.lanes import LANES, all_within, load, member, members, prefetch, store, vectors
 from replant.kernels.monitoring.outliers import equation_error
 from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
-from replant.kernels.step import ensemble_members, fixed_filter
-from replant.kernels.step.soundness import is_known, is_laid_out
+from replant.kernels.step import ensemble_members, fixed_filter, soundness
 from replant.kernels.step.stages import cut_estimate, mapped_input
 
 AHEAD = 16  # rows by which prefetching runs ahead of copying [count]
@@ -131,25 +130,16 @@ def take_tile(arrays, apart, work, u, y, errors, parameters):
 
 def are_sound(ints, reals, banks, buffer, recent, apart):
     """Return whether the arrays are large enough for the sizes that each member states."""
-    if reals.shape[0] < at.SCALARS or banks.shape[0] < 3:
+    if reals.shape[0] < at.SCALARS or banks.shape[0] < 3 or (buffer.shape[0] if apart else buffer.shape[2]) != LANES:
         return False
+    rows, width = buffer.shape[1] if apart else buffer.shape[0], buffer.shape[2] if apart else buffer.shape[1]
     for lane in range(LANES):
-        s = member(ints, reals, lane)
-        if not is_laid_out(s, reals.shape[0], banks.shape[0], banks.shape[1]) or s.instruments:
+        s, first = member(ints, reals, lane), member(ints, reals, 0)
+        if not soundness.is_laid_out(s, reals.shape[0], banks.shape[0], banks.shape[1]) or s.instruments or s.collects:
             return False
-        batch, capacity, rows, T = s.batch_size, s.capacity, s.recent_size, s.entries
-        heads = 0 <= s.buffer_head < capacity and 0 <= s.buffer_filled <= capacity
-        if not (1 <= batch and s.ints.size >= at.ROWS + batch and capacity >= 1 and heads):
+        if not (soundness.holds_rows(s, rows, width, recent.shape[0], recent.shape[1]) and soundness.is_known(s)):
             return False
-        if apart and not (buffer.shape[0] == LANES and capacity <= buffer.shape[1] and buffer.shape[2] >= T + 2):
-            return False
-        if not apart and not (buffer.shape[2] == LANES and capacity <= buffer.shape[0] and buffer.shape[1] >= T + 2):
-            return False
-        if not (0 <= rows <= recent.shape[0] and recent.shape[1] >= 3 and 0 <= s.recent_head < max(rows, 1)):
-            return False
-        first = member(ints, reals, 0)
-        same = T == first.entries and s.order == first.order and batch == first.batch_size
-        if not (same and is_known(s)):
+        if not (s.entries == first.entries and s.order == first.order and s.batch_size == first.batch_size):
             return False
     return True
 

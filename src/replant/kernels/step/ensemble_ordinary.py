@@ -70,9 +70,7 @@ def advance(s, bank, y, start, end):
     slot = bk.at_kept(n, T)
     bk.advance_two(bank, n, T, slot, bk.OUTPUT, s.last_output, y, start, end, work)
     bk.advance_two(bank, n, T, slot, bk.IMPULSE, 0.0, 0.0, 1.0, 1.0, work)
-    output = bk.fill_known_entries(
-        bank, n, T, s.input_entries, bk.INPUT, s.input_now, s.has_constant, True, False, s.zeta
-    )
+    output = bk.fill_known_entries(s, bank, bk.INPUT, s.input_now, s.has_constant, False, s.zeta)
     bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.INSTRUMENT], output, work)
     bank[bk.INSTRUMENT] = output
     bank[bk.MODEL_OUTPUT] = output
@@ -182,7 +180,7 @@ def take(s, models, beside, places, companion, how, u, y):
         advance(s, models[b], y, start, end)
     serving = models[0]
     s.last_output = y
-    target = chain.fill_regressor(s, serving, y, False)
+    target = chain.fill_regressor(s, serving, y)
     error = outliers.equation_error(s, target)
     examine(s, beside, serving[bk.MODEL_OUTPUT], error, y)
     beside[COUNT] += 1.0

@@ -74,20 +74,24 @@ def is_laid_out(s, reals, banks, columns):
     return (0 <= inputs <= n + 1 and entries <= T and 1 <= serving <= 2 and 0 <= s.ring_head < ring) or (s.collects)
 
 
+def holds_rows(s, rows, width, recent_rows, recent_width):
+    """Return whether a buffer and raw samples of these shapes are as large as a state says, and their heads within."""
+    T, batch, capacity, kept = s.entries, s.batch_size, s.capacity, s.recent_size
+    if not (1 <= batch <= MOST and s.ints.size >= at.ROWS + batch and 1 <= capacity <= rows):
+        return False
+    if not (width >= (2 * T + 2 if s.instruments else T + 2) or s.collects):
+        return False
+    columns = 6 if s.has_reference else 5 if s.examines_output else 3
+    if not (0 <= kept <= recent_rows and recent_width >= columns and 0 <= s.recent_head < max(kept, 1)):
+        return False
+    return 0 <= s.buffer_head < capacity and 0 <= s.buffer_filled <= capacity
+
+
 @kernel()
 def is_sound(s: StateSlots):
     """Return whether all arrays of a state are large enough, and all indices are within them."""
     if not is_laid_out(s, s.reals.size, s.banks.shape[0], s.banks.shape[1]):
         return False
-    T, batch, capacity, rows = s.entries, s.batch_size, s.capacity, s.recent_size
-    if not (1 <= batch <= MOST and s.ints.size >= at.ROWS + batch and 1 <= capacity <= s.buffer.shape[0]):
+    if not holds_rows(s, s.buffer.shape[0], s.buffer.shape[1], s.recent.shape[0], s.recent.shape[1]):
         return False
-    if not (s.buffer.shape[1] >= (2 * T + 2 if s.instruments else T + 2) or s.collects):
-        return False
-    columns = 6 if s.has_reference else 5 if s.examines_output else 3
-    if not (0 <= rows <= s.recent.shape[0] and s.recent.shape[1] >= columns):
-        return False
-    if not ((is_known(s) and are_within(s)) or s.collects):
-        return False
-    heads = 0 <= s.buffer_head < capacity and 0 <= s.buffer_filled <= capacity
-    return heads and 0 <= s.recent_head < max(rows, 1)
+    return (is_known(s) and are_within(s)) or s.collects
