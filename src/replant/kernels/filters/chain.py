@@ -149,15 +149,6 @@ def advance_delayed_input(s, bank, interval, slot, work, channel, now, inputs, h
     return now
 
 
-def follow_input(s, interval):
-    """Update the delayed input, and the part that a reference explains, before the filters begin."""
-    n, T, bank, work = s.order, s.entries, s.banks[s.serving_bank], s.work
-    slot = bk.discretization(bank, n, T, interval, work)
-    s.input_now = advance_input(s, bank, interval, slot, work, bk.INPUT)
-    if s.has_reference:
-        s.reference_input_now = advance_input(s, bank, interval, slot, work, bk.REFERENCE_INPUT)
-
-
 def advance_bank(s, bank, interval, y, channels):
     """Advance all channels but MODEL, whose newest value is unknown, by the newest interval; return its solution."""
     n, T, newest, work = s.order, s.entries, s.ring_head, s.work
@@ -272,7 +263,12 @@ def filters_begin(s, u, y, interval):
     remember_input(s, u, interval)
     if not s.unknown_input > 0.0:
         return False
-    follow_input(s, interval)  # the state after an unknown input is free: the filters begin here
+    # the state after an unknown input is free: the filters begin here
+    bank, work = s.banks[s.serving_bank], s.work
+    slot = bk.discretization(bank, s.order, s.entries, interval, work)
+    s.input_now = advance_input(s, bank, interval, slot, work, bk.INPUT)
+    if s.has_reference:
+        s.reference_input_now = advance_input(s, bank, interval, slot, work, bk.REFERENCE_INPUT)
     begin_filters(s)
     left = s.unknown_input - interval
     s.unknown_input = left if left > bk.SAME_INTERVAL * interval else 0.0

@@ -51,12 +51,6 @@ def input_rests(s, u):
     return s.input_power < least
 
 
-def unit_of_covariance(s):
-    """Return the unit of the covariance of recursive least squares: the variance of the residual that it learns."""
-    usual = max(s.usual_variance, LEAST_NOISE * s.largest_output, np.finfo(np.float64).tiny)
-    return whitening.gain(s) * usual
-
-
 def begin_initial_state(s, y):
     """Set the initial state to that of a constant output ``y``, with a large covariance, so that learning goes on."""
     n, T = s.order, s.entries
@@ -75,8 +69,9 @@ def begin_initial_state(s, y):
         size *= bank[bk.SCALE] * bank[bk.SCALE]
         for b in range(1, 3):
             s.banks[b, bk.at_weights(n, T) + first + i] = theta[first + i] * s.output_scale
-        if s.algorithm == RECURSIVE_LEAST_SQUARES:
-            variances[i] /= unit_of_covariance(s)
+        if s.algorithm == RECURSIVE_LEAST_SQUARES:  # in the unit of its covariance: the variance of what it learns
+            usual = max(s.usual_variance, LEAST_NOISE * s.largest_output, np.finfo(np.float64).tiny)
+            variances[i] /= whitening.gain(s) * usual
             caps = block(s.memory, second.AT_CAPS, T)
             caps[first + i] = max(caps[first + i], variances[i])
     second.begin_last(U, D, first, variances, s.backup[:T])

@@ -97,7 +97,7 @@ def take_tile(arrays, apart, work, u, y, errors, parameters):
     # the regular clock's discretisation is the bank's first
     cuts = fixed_filter.cut_filters(s, b[0], place), fixed_filter.cut_regressor(s, b[0]), estimate
     theta, unit, aside = estimate[0], estimate[5], s.work[2 * s.order :]
-    rings, level = fixed_filter.cut_rings(s), ensemble_members.are_level(ints, reals)
+    rings, level = (s.inputs, s.held, s.intervals), ensemble_members.are_level(ints, reals)
     for lane in range(LANES):
         live[lane] = 1
     for k in range(inputs.size):

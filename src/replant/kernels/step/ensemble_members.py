@@ -11,7 +11,7 @@ from replant.kernels.lanes import LANES, gathered, member, prefetch, vectors
 from replant.kernels.native import inlined
 from replant.kernels.optimizers import gradient as loops
 from replant.kernels.optimizers.memory import draw_below
-from replant.kernels.step.fixed_filter import cut_rings, keep_input
+from replant.kernels.step.fixed_filter import keep_input
 from replant.kernels.step.stages import acceptable, draw_rows, keep_and_write, keep_estimate, keep_sample
 
 # Vectors of the work space, after the 2 n that `fixed_filter.advance_filters` uses.
@@ -89,7 +89,7 @@ def admit_each(ints, reals, banks, recent, live):
         u, y = work[INPUT], work[OUTPUT]
         if acceptable(s, u, y):
             live[lane] = 1
-            admit(s, cut_rings(s), recent[:, :, lane], u, y)
+            admit(s, (s.inputs, s.held, s.intervals), recent[:, :, lane], u, y)
         else:
             live[lane] = 0
             work[INPUT], work[OUTPUT] = s.input_now, s.last_output

@@ -35,12 +35,6 @@ def unless_at_most(beside, number, limit):
 
 
 @inlined
-def unless_less(beside, number, limit):
-    """Mark the lanes with a number that is not less than its limit."""
-    beside[ODD] = if_less(number, limit, beside[ODD], 1.0)
-
-
-@inlined
 def follow_input(s, beside, u):
     """Mark inputs that are far away or at rest, and update their moving variance: `is_far` and `input_rests`."""
     away = u - s.input_mean
@@ -169,7 +163,7 @@ def take(s, models, beside, places, companion, how, u, y):
     filters, forgets = how
     unless_at_most(beside, abs(u), at.LARGEST)
     unless_at_most(beside, abs(y), at.LARGEST)
-    unless_less(beside, s.elapsed, s.ready_at)
+    beside[ODD] = if_less(s.elapsed, s.ready_at, beside[ODD], 1.0)
     follow_input(s, beside, u)
     s.elapsed += s.interval
     last = s.input_now

@@ -44,12 +44,6 @@ def cut_filters(s, bank, place):
 
 
 @inlined
-def cut_rings(s):
-    """Return the rings of past inputs, held inputs and intervals (RING,)."""
-    return s.inputs, s.held, s.intervals
-
-
-@inlined
 def cut_regressor(s, bank):
     """Return the arrays of `fill_regressor`: those of the output (n numbers each), then those of the input.
 
@@ -69,16 +63,15 @@ def cut_regressor(s, bank):
     )
 
 
-def discretize(s, bank):
+def discretize(s):
     """Make the one discretisation that a regular clock needs, unless it is there."""
-    n, T = s.order, s.entries
-    bk.discretization(bank, n, T, s.interval, s.work)
+    bk.discretization(s.banks[0], s.order, s.entries, s.interval, s.work)
 
 
 def begin(s, u, y):
     """Take the first sample: the filters are at rest, and their discretisation is computed."""
     chain.begin(s, u, y)
-    discretize(s, s.banks[0])
+    discretize(s)
     states, new = bk.at_states(s.order, s.entries), s.work
     for i in range(2 * s.order):
         new[i] = s.banks[0, states + i]
@@ -136,11 +129,11 @@ def update_estimate(s, estimate, target):
 
 @inlined
 def cut(s):
-    """Return every array that a sample needs: `cut_filters`, `cut_rings`, `cut_regressor`, `cut_estimate`."""
+    """Return every array that a sample needs: `cut_filters`, the rings, `cut_regressor`, `stages.cut_estimate`."""
     place = place_of(s.banks[0], s.order, s.entries, s.interval)
     return (
         cut_filters(s, s.banks[0], place),
-        cut_rings(s),
+        (s.inputs, s.held, s.intervals),
         cut_regressor(s, s.banks[0]),
         stages.cut_estimate(s),
     )
@@ -183,7 +176,7 @@ def take(s, cuts, u, y):
 def step(s: StateSlots, u: float, y: float, t: float, r: float):
     """Take one sample; return its error as `take` does; ``t`` and ``r`` are not used, as the clock is regular."""
     if s.started:
-        discretize(s, s.banks[0])
+        discretize(s)
     return take(s, cut(s), u, y)
 
 
@@ -192,7 +185,7 @@ def step(s: StateSlots, u: float, y: float, t: float, r: float):
 def steps(s: StateSlots, u: Reals, y: Reals, t: Reals, r: Reals, errors: Reals, parameters: Matrix):
     """Take all K samples; write errors and estimates (physical units); return K; ``t`` and ``r`` are empty."""
     if s.started:
-        discretize(s, s.banks[0])
+        discretize(s)
     cuts = cut(s)
     theta, unit = cuts[3][0], cuts[3][5]
     for k in range(u.size):
