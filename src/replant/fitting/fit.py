@@ -16,7 +16,7 @@ from replant.estimation.settings import AUTO, Request
 from replant.estimation.simulation.model_run import prediction_error, runs_away
 from replant.estimation.solver.least_squares import choose_filter, least_squares, regressors
 from replant.estimation.solver.solve import Solution, solve
-from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
+from replant.fitting.fit_result import WITHOUT, FitResult, ReferenceUse, use_of
 from replant.fitting.miso_fit import RowFit, fit_row
 from replant.fitting.parted_record import differ, solve_parted
 from replant.fitting.samples import RawRecord, Samples
@@ -180,11 +180,12 @@ def fit_samples(
         use = None if r is None else use_of(r, raw.made_ready(r))
         solution = _solution(raw, r if use is None or use.used else None)
         if solution is None and use is not None:
-            use = use.given_up()
+            reason = use.finding or f"no model was found with the reference: {WITHOUT}"
+            use = dataclasses.replace(use, used=False, finding=reason)
             solution = _solution(raw, None)
         if solution is not None:
             use = None if use is None else use.concluded(structure, solution.found)
-            whole = _with_record(_refined_result(raw, solution, rejected, use), raw, given, solution.record)
+            whole = _refined_result(raw, given, solution, rejected, use)
             return whole if given.begins or whole.reference is not None else _parted(whole, raw, solution, given)
         if method == "srivc" or raw.stamps is not None:  # least squares needs a regular clock
             why = "the input hardly moves, or the structure does not fit the plant"
@@ -198,8 +199,7 @@ def fit_samples(
     if not isinstance(chosen, StateVariableFilter):
         chosen = choose_filter(structure, dt, raw.preprocess, raw.u, raw.y, input_hold=hold)
     raw = dataclasses.replace(raw, input_hold=chosen.input_hold)
-    result = _least_squares_result(raw, chosen, rejected, use)
-    return _with_record(result, raw, given, raw.made_ready(None))
+    return _least_squares_result(raw, given, chosen, rejected, use)
 
 
 def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples) -> FitResult:
@@ -213,26 +213,26 @@ def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples
     if not found.loads or found.solution is None:
         return whole
     rejected = {name: count for name, count in whole.rejected.items() if name not in ("outlier", "stuck")}
-    made = _refined_result(with_loads(found.loads), found.solution, rejected, None)
-    parted = _with_record(made, with_loads(found.loads), given, found.solution.record)
+    parted = _refined_result(with_loads(found.loads), given, found.solution, rejected, None)
     if found.is_sure and parted.verdict.status == "trusted":
         return parted
     # if the division may be right, and changes G(s), the fit that was given must not be trusted
     return dataclasses.replace(whole, rival=parted) if differ(raw.structure, solution, found.solution) else whole
 
 
-def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Record) -> FitResult:
+def _result(raw: RawRecord, given: Samples, record: Record, use: ReferenceUse | None, **found: Any) -> FitResult:
     """Return a result with the record that its verdict uses, and the names of its signals."""
-    if result.reference is not None and record.r is None:
-        record = dataclasses.replace(record, r=raw.made_ready(result.reference.signal).r)
+    if use is not None and record.r is None:
+        record = dataclasses.replace(record, r=raw.made_ready(use.signal).r)
     record = dataclasses.replace(record, rest=0 if given.begins else given.rest)
-    usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
     used = raw.usable
-    means = (float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0)
-    others = {name: signal[raw.made_use_of] for name, signal in given.others.items()}
-    return dataclasses.replace(
-        result, record=record, means=means, input_level=raw.input_level(record), usual_interval=usual, others=others,
-        input_name=given.input_name, output_name=given.output_name, source=given.source, sha256=given.sha256,
+    return FitResult(
+        raw.structure, raw.dt, preprocess=raw.preprocess, reference=use, record=record,
+        means=(float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0),
+        input_level=raw.input_level(record), loads=np.array(raw.loads, np.int64),
+        usual_interval=None if raw.stamps is None else float(np.median(np.diff(raw.stamps))),
+        others={name: signal[raw.made_use_of] for name, signal in given.others.items()},
+        input_name=given.input_name, output_name=given.output_name, source=given.source, sha256=given.sha256, **found,
     )  # fmt: skip
 
 
@@ -241,17 +241,17 @@ def _solution(raw: RawRecord, r: FloatArray | None) -> Solution | None:
 
 
 def _refined_result(
-    raw: RawRecord, solution: Solution, rejected: dict[str, int], use: ReferenceUse | None
+    raw: RawRecord, given: Samples, solution: Solution, rejected: dict[str, int], use: ReferenceUse | None
 ) -> FitResult:
-    structure, dt, found = raw.structure, raw.dt, solution.found
+    structure, found, size = raw.structure, solution.found, raw.structure.size
     doubt = np.full(raw.u.size, Doubt.MISSING)
     doubt[raw.made_use_of] = solution.doubt
     used = doubt == Doubt.NONE
     measured, y = np.where(raw.usable, raw.y, np.nan), np.where(used, raw.y, np.nan)
-    model = structure.transfer_function(found.theta[: structure.size])
+    model = structure.transfer_function(found.theta[:size])
     error = None
     if runs_away(model.den, solution.record.span):
-        error = prediction_error(structure, found.theta[: structure.size], solution.record, dt)
+        error = prediction_error(structure, found.theta[:size], solution.record, raw.dt)
     if error is None:
         simulation = raw.simulated(model, y)
     else:
@@ -261,33 +261,19 @@ def _refined_result(
     answers = np.ones(raw.u.size, bool)  # outputs that depend on inputs before the record are in no fit
     answers[raw.made_use_of] = solution.record.answers(structure.delay)
     outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
-    return FitResult(
-        structure,
-        dt,
-        "srivc",
-        RefinedFilter(raw.input_hold),
-        raw.preprocess,
-        found.theta[: structure.size],
-        found.covariance[: structure.size, : structure.size],
-        found.condition(structure.size),
-        raw.fit(y, raw.one_step(np.where(answers, y, np.nan) - simulation.output)),
-        simulation,
-        int(used.sum()),
-        rejected | {"outlier": outliers.size, "stuck": stuck.size},
-        NoiseModel.of_slots(found.noise, dt),
-        use,
-        outliers,
-        stuck,
-        np.flatnonzero((doubt == Doubt.MISSING) & raw.made_use_of),
-        filtered=found.noise.filters > 0.0,
-        disagreement=found.disagreement,
-        slowness=found.slowness,
-        loads=np.array(raw.loads, np.int64),
-    )
+    return _result(
+        raw, given, solution.record, use, method="srivc", filter=RefinedFilter(raw.input_hold),
+        parameters=found.theta[:size], covariance=found.covariance[:size, :size], condition=found.condition(size),
+        one_step=raw.fit(y, raw.one_step(np.where(answers, y, np.nan) - simulation.output)), simulation=simulation,
+        samples=int(used.sum()), rejected=rejected | {"outlier": outliers.size, "stuck": stuck.size},
+        noise=NoiseModel.of_slots(found.noise, raw.dt), outliers=outliers, stuck=stuck,
+        missing=np.flatnonzero((doubt == Doubt.MISSING) & raw.made_use_of), filtered=found.noise.filters > 0.0,
+        disagreement=found.disagreement, slowness=found.slowness,
+    )  # fmt: skip
 
 
 def _least_squares_result(
-    raw: RawRecord, chosen: StateVariableFilter, rejected: dict[str, int], use: ReferenceUse | None
+    raw: RawRecord, given: Samples, chosen: StateVariableFilter, rejected: dict[str, int], use: ReferenceUse | None
 ) -> FitResult:
     structure, accepted = raw.structure, raw.usable
     y = np.where(accepted, raw.y, np.nan)
@@ -295,18 +281,10 @@ def _least_squares_result(
     solution = least_squares(phi, target)
     model = structure.transfer_function(solution.parameters)
     linear_input = np.where(accepted, raw.mapped - float(raw.preprocess.input_offset), np.nan)
-    return FitResult(
-        structure,
-        raw.dt,
-        "least_squares",
-        chosen,
-        raw.preprocess,
-        solution.parameters,
-        None,
-        solution.condition if solution.rank == structure.size else math.inf,
-        fit_percent(y, y - (target - combined(phi, solution.parameters))),
-        simulate(model, linear_input, y, raw.dt, input_hold=chosen.input_hold),
-        int(accepted.sum()),
-        rejected,
-        reference=use,
-    )
+    return _result(
+        raw, given, raw.made_ready(None), use, method="least_squares", filter=chosen, parameters=solution.parameters,
+        covariance=None, condition=solution.condition if solution.rank == structure.size else math.inf,
+        one_step=fit_percent(y, y - (target - combined(phi, solution.parameters))),
+        simulation=simulate(model, linear_input, y, raw.dt, input_hold=chosen.input_hold),
+        samples=int(accepted.sum()), rejected=rejected,
+    )  # fmt: skip

@@ -12,7 +12,6 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.filters import Filter, StateVariableFilter
-from replant.estimation.solver.change_search import PlantChange
 from replant.estimation.solver.record_changes import plant_changed
 from replant.estimation.solver.refined_estimate import Refined
 from replant.fitting.model import Model, in_lines, with_picture
@@ -27,7 +26,7 @@ from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, quiet, sum_of_squares
 from replant.verdict import Assessment, Simulation, assess_record
 from replant.verdict.assess import MOST_SAMPLES
-from replant.verdict.loop import COPIED, IDLE, Reference, fault_of
+from replant.verdict.loop import COPIED, Reference
 from replant.verdict.other_columns import OtherColumn, other_columns
 
 WITHOUT = "the fit does without it"
@@ -141,6 +140,11 @@ class FitResult(Identified):
     @cached_property
     def verdict(self) -> Assessment:
         """Whether to trust the model, why in plain words, and the figures behind it."""
+        change, loaded = None, self.rival or self
+        parted = loaded._kept
+        if self.method == "srivc":
+            loads = self.loads.size > 0
+            change = plant_changed(self.structure, self._kept, self.parameters, loads=loads, most=MOST_SAMPLES)
         verdict = assess_record(
             self.structure,
             self.parameters,
@@ -154,8 +158,8 @@ class FitResult(Identified):
             slowness=self.slowness,
             input_zero=-self.input_level,
             left_out=self.stuck.size,
-            plant_change=self._plant_change,
-            loads=(self.rival or self)._loads_since,
+            plant_change=change,
+            loads=tuple(parted.since_first(begin) for begin in parted.begins) if loaded.loads.size else (),
             undecided=self.rival is not None,
         )
         verdict = judged_further(
@@ -170,18 +174,6 @@ class FitResult(Identified):
     def other_columns(self) -> tuple[OtherColumn, ...]:
         """The further columns that explain a part of the residual, the largest part first."""
         return other_columns(self.structure, self.parameters, self._kept, self.dt, self.others)
-
-    @property
-    def _loads_since(self) -> tuple[float, ...]:
-        """The times in s from the first sample to the begin of each load."""
-        return tuple(self._kept.since_first(begin) for begin in self._kept.begins) if self.loads.size else ()
-
-    @property
-    def _plant_change(self) -> PlantChange | None:
-        """The change of the plant within the samples that the verdict uses; None without one."""
-        if self.method != "srivc":
-            return None
-        return plant_changed(self.structure, self._kept, self.parameters, loads=self.loads.size > 0, most=MOST_SAMPLES)
 
     @cached_property
     def model(self) -> Model:
@@ -253,11 +245,6 @@ class ReferenceUse:
         """The value that J of a right model exceeds with a chance of 1e-4; NaN if the reference was not used."""
         return float(chi2_quantile(1.0 - ALPHA, self.degrees)) if self.degrees > 0 else math.nan
 
-    def given_up(self) -> ReferenceUse:
-        """Return the use as not used, by its finding, or else because no model was found with the reference."""
-        reason = self.finding or f"no model was found with the reference: {WITHOUT}"
-        return replace(self, used=False, finding=reason)
-
     def concluded(self, structure: Structure, found: Refined) -> ReferenceUse:
         """Return the use with the results of the fit."""
         if not self.used:
@@ -271,11 +258,8 @@ def use_of(signal: FloatArray, record: Record) -> ReferenceUse:
     """Return whether a record's reference can be used, and if not why."""
     r, u = record.r, record.u
     assert r is not None
-    fault = fault_of(r, u)
-    if fault:
+    found, fault = Reference.tried(r, u, record.y)
+    if found is None:
         return ReferenceUse(signal, False, f"{fault}: {WITHOUT}", 1.0 if fault == COPIED else 0.0)
-    found = Reference.projected(r, u, record.y)
     share = sum_of_squares(found.input) / max(float(np.sum((u - u.mean()) ** 2)), np.finfo(float).tiny)
-    if not found.strength > 1.0:
-        return ReferenceUse(signal, False, f"{IDLE}: {WITHOUT}", share)
-    return ReferenceUse(signal, True, "", share)
+    return ReferenceUse(signal, not fault, f"{fault}: {WITHOUT}" if fault else "", share)

@@ -164,7 +164,9 @@ def inspect(
     table, contents, clock = _without_repeats(table, contents, clock, is_held=is_held)
     record = _record(contents, clock, given)
     signals = [column for column in record if column.is_signal and (clock is None or column != clock.column)]
-    signals = _without_clocks(signals, contents, set(given.values()))
+    # without further clocks, which rise in nearly equal steps, if two signals remain
+    moving = [column for column in signals if column.number in given.values() or not seems_time(column, contents)]
+    signals = moving if len(moving) > 1 else signals
     roles = find_roles(signals, contents.values, given)
     seen = first = None
     if roles.input and roles.output:
@@ -199,12 +201,6 @@ def _without_repeats(
     found = find_clock(table, contents, clock.column.number)
     table = table if is_held else with_repeats_noted(table, repeated.size)
     return table, contents, None if found is None else replace(found, guess=clock.guess)
-
-
-def _without_clocks(signals: list[Column], contents: Contents, given: set[int]) -> list[Column]:
-    """Return the signals without further clocks, which rise in nearly equal steps; all if fewer than two remain."""
-    left = [column for column in signals if column.number in given or not seems_time(column, contents)]
-    return left if len(left) > 1 else signals
 
 
 def _others(found: Inspection, signals: list[Column]) -> tuple[OtherColumn, ...]:

@@ -260,7 +260,6 @@ class RowModel(model_file.Written, RowFields):
         return float(level - self.output_level - gains @ (at - self.input_levels))
 
     def _record(self, log: Any, y: Any, t: Any) -> tuple[FloatArray, FloatArray, FloatArray | None, float]:
-        """Return inputs, output, stamps and sampling time of a log, or of arrays."""
         if isinstance(log, Log):
             if y is not None or t is not None:
                 raise InvalidArgumentError("a log has its own output and time: leave out y and t")

@@ -195,7 +195,6 @@ def _with(structures: Structures, i: int, other: Structure) -> Structures:
 
 
 def _orders(structures: Structures) -> list[tuple[Any, ...]]:
-    """Return the poles, zeros and dead times of structures."""
     return [tuple(getattr(each, name) for each in structures) for name in ("poles", "zeros", "delay")]
 
 

@@ -39,7 +39,7 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray, array_of
 from replant.numerics.autoregression import Autoregression, duration_of
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of, products
-from replant.verdict.loop import COPIED, STILL, Reference, fault_of
+from replant.verdict.loop import COPIED, NO_USE, STILL, Reference, fault_of
 from replant.verdict.miso_inputs import answering, controlled, timing
 from replant.verdict.miso_tests import GIVEN_UP, lacking, of_rivals
 from replant.verdict.verdict import Finding
@@ -94,24 +94,21 @@ def with_outside(
         return ready, ()
     each_of = [np.ascontiguousarray(each) for each in references.T]
     if all(fault_of(each, ready.inputs[:, 0]) == STILL for each in each_of):
-        return ready, (Finding("not excited", f"{STILL}: move it, or leave it out"),)
+        return ready, (NO_USE[STILL],)
     inputs, told = [np.ascontiguousarray(each) for each in ready.inputs.T], is_moved is not None
     if is_moved is None:
-        is_moved = np.array([any(_moves(r, u, ready.record.y) for r in each_of) for u in inputs])
+        is_moved = np.array(
+            [bool(np.ptp(u)) and any(not Reference.tried(r, u, ready.record.y)[1] for r in each_of) for u in inputs]
+        )
     if not is_moved.any() and told:
         return replace(ready, outside=None), (Finding("trusted", OPEN),)
     if not is_moved.any():
         if any(fault_of(r, u) == COPIED for r in each_of for u in inputs):
-            return ready, (Finding("trusted", f"{COPIED}, and says no more than the input does"),)
+            return ready, (NO_USE[COPIED],)
         return ready, (Finding("not excited", IDLE),)
     outside = Outside.of(ready.inputs, references, is_moved)
     served = (Finding("trusted", SERVED.format(name)) for name, moves in zip(names, is_moved, strict=True) if moves)
     return replace(ready, outside=outside), tuple(served)
-
-
-def _moves(r: FloatArray, u: FloatArray, y: FloatArray) -> bool:
-    """Return whether a reference moves an input without being a copy of it."""
-    return bool(np.ptp(u) > 0.0 and not fault_of(r, u) and Reference.projected(r, u, y).strength > 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,18 +130,14 @@ class RowSolution(NamedTuple):
     doubt: IntArray
 
 
-#: Gives the points to start from with a noise model.
-Begin = Callable[[Autoregression], list[Point]]
+#: Gives the points to start from on a row, with a noise model.
+Begin = Callable[[Row, Autoregression], list[Point]]
+Again = Callable[[Autoregression], list[Point]]  # of a row that is known
 
 
-def started(row: Row) -> Begin:
-    """Return new starts of a row, as a `Begin`."""
-    return partial(start, row.structures, row.record, row.from_outside.inputs)
-
-
-def begun_at(theta: FloatArray, row: Row) -> Begin:
-    """Return a model of a row as the start, as a `Begin`."""
-    return lambda noise: [evaluate(row.from_outside, theta, noise)]
+def started(row: Row, noise: Autoregression) -> list[Point]:
+    """Return new starts of a row."""
+    return start(row.structures, row.record, row.from_outside.inputs, noise)
 
 
 class Begins(NamedTuple):
@@ -153,40 +146,37 @@ class Begins(NamedTuple):
     noise: Autoregression | None = None
     models: tuple[FloatArray, ...] = ()
 
-    def there(self, row: Row) -> Begin:
-        """Return the models as starts, as a `Begin`."""
-        noise = self.noise
-        points = [] if noise is None else [evaluate(row.from_outside, each, noise) for each in self.models]
-        return lambda _: points
+    def there(self, row: Row, _: Autoregression) -> list[Point]:
+        """Return the models as starts."""
+        noise, outside = self.noise, row.from_outside
+        return [] if noise is None else [evaluate(outside, each, noise) for each in self.models]
 
-    def afresh(self, row: Row, *, also_white: bool = False, newest: int | None = None) -> Begin:
-        """Return also new starts, as a `Begin`; with white noise only if no colour is known, or ``also_white``."""
-        others, outside = self.there(row), row.from_outside
-        is_coloured = self.noise is not None and self.noise.order > 0 and not also_white
-        # if only the colour of the noise is in doubt, a start from the ``newest`` samples finds other models
-        begin = started(row if newest is None else row.last(min(newest, row.record.u.size)))
-
-        def begins(noise: Autoregression) -> list[Point]:
-            points = begin(noise) if noise.order or not is_coloured else []
-            if newest is not None:
-                points = [evaluate(outside, each.theta, noise) for each in points]
-            return [*points, *others(noise)]
-
-        return begins
+    def afresh(
+        self, row: Row, noise: Autoregression, *, also_white: bool = False, newest: int | None = None
+    ) -> list[Point]:
+        """Return also new starts; with white noise only if no colour is known, or ``also_white``."""
+        if self.noise is not None and self.noise.order and not also_white and not noise.order:
+            return self.there(row, noise)
+        if newest is None:
+            return [*started(row, noise), *self.there(row, noise)]
+        # if only the colour of the noise is in doubt, a start from the newest samples finds other models
+        outside, points = row.from_outside, started(row.last(min(newest, row.record.u.size)), noise)
+        return [*(evaluate(outside, each.theta, noise) for each in points), *self.there(row, noise)]
 
 
 def solve_record(
-    structures: tuple[Structure, ...],
-    ready: RowRecord,
-    names: tuple[str, ...],
-    begins_of: Callable[[Row], Begin] = started,
+    structures: tuple[Structure, ...], ready: RowRecord, names: tuple[str, ...], begins_of: Begin
 ) -> RowSolution | None:
     """Return the estimate of a record, its bad outputs, as in `solve.solve`, found in turn; None without a start."""
     record, white = ready.record, Autoregression.white(1.0, ready.record.count)
 
     def solved(doubt: IntArray, before: RowSolution | None) -> RowSolution | None:
         row = Row(structures, solve.leaving_out(record, doubt), ready.inputs, names, ready.outside)
-        again = begins_of(row) if before is None else begun_at(before.found.point.theta, row)
+
+        def again(noise: Autoregression) -> list[Point]:
+            known = None if before is None else before.found.point.theta
+            return begins_of(row, noise) if known is None else [evaluate(row.from_outside, known, noise)]
+
         begins = [begin for begin in again(white) if math.isfinite(begin.cost)] if row.record.count else []
         return RowSolution(row, solve_row(row, begins, again), doubt) if begins else None
 
@@ -199,7 +189,7 @@ def solve_record(
 
 def solve_with(
     structures: tuple[Structure, ...], ready: RowRecord, references: FloatArray | None, names: tuple[str, ...],
-    begins_of: Callable[[Row], Begin] = started,
+    begins_of: Begin = started,
 ) -> tuple[RowRecord, RowSolution | None, tuple[Finding, ...]]:  # fmt: skip
     """Return a record with the parts that references (J, p) explain, its estimate, and findings about these."""
     ready, findings = with_outside(ready, references, names)
@@ -221,12 +211,12 @@ def doubts_of(row: Row, ready: RowRecord, point: Point, noise: Autoregression) -
     return solve.doubted(ready.record, modelled, noise.coefficients, ready.inputs)
 
 
-def solve_row(row: Row, begins: list[Point], again: Begin) -> RowEstimate:
+def solve_row(row: Row, begins: list[Point], again: Again) -> RowEstimate:
     """Return the estimate from some starts; ``again`` gives the starts with a noise model."""
     if row.outside is not None:
         # from the known inputs, too: the external parts of several inputs may be weak, or move together
         known = row.over(row.record)
-        starts = started(known)
+        starts = partial(started, known)
         more = likeliest(known, starts(Autoregression.white(1.0, row.count)), starts).ends
         return _by_instruments(row, (*likeliest(row.from_outside, begins, again).ends, *more))
     free, point, noise, rivals, _ = likeliest(row, begins, again)
@@ -274,7 +264,7 @@ def _root_from(row: Row, theta: FloatArray) -> tuple[Point, Autoregression]:
     return point, noise
 
 
-def likeliest(row: Row, begins: list[Point], again: Begin) -> _Estimates:
+def likeliest(row: Row, begins: list[Point], again: Again) -> _Estimates:
     """Return the estimate without a noise model and the likeliest with one."""
     white = Autoregression.white(1.0, row.count)
     ends = ends_of(row, (path(row, begin.theta, white, begin) for begin in begins))

@@ -283,7 +283,6 @@ def usual_interval(t: FloatArray, dt: float) -> float:
 def _signals(
     log: Any, y: Any, t: Any, reference: Any, dt: float
 ) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None, float]:
-    """Return input, output, stamps, reference and sampling time of a log, or of arrays."""
     if isinstance(log, Log):
         if y is not None or t is not None or reference is not None:
             raise InvalidArgumentError("a log has its own output, time and reference: leave out y, t and reference")

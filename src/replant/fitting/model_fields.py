@@ -37,10 +37,6 @@ from replant.verdict.verdict import Verdict
 NOT_JUDGED = Verdict("converging", ("no verdict was asked for",))
 
 
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
-
-
 @dataclass(frozen=True)
 class Provenance:
     """Where a model comes from."""
@@ -51,7 +47,7 @@ class Provenance:
     samples: int = 0  # that the model was made from
     version: str = field(default_factory=lambda: version("replant"))  # of replant
     # UTC in ISO 8601; two models that differ in nothing else are equal
-    date: str = field(default_factory=_now, compare=False)
+    date: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"), compare=False)
 
     def __post_init__(self) -> None:
         for name in ("method", "source", "sha256", "version", "date"):
@@ -73,16 +69,12 @@ def _known(name: str, value: Any) -> float:
     return value if math.isfinite(value) else math.nan
 
 
-def _map(_: str, value: Any) -> InputMap:
-    return Preprocess(value).input_map
-
-
 #: The checks of fields of models, of one input or of several.
 CHECKS: dict[str, tuple[Any, ...]] = {
     "dt": (duration,),
     "noise": (instance, NoiseModel, None),
     "input_hold": (one_of, ("zoh", "foh")),
-    "input_map": (_map,),
+    "input_map": (lambda _, value: Preprocess(value).input_map,),
     "input_level": (finite,),
     "output_level": (finite,),
     "input_name": (text,),
@@ -125,7 +117,6 @@ class _Fields:
     covariance: FloatArray | None
 
     def _check(self, size: int) -> None:
-        """Check the fields of a model of so many parameters."""
         keep(self, "parameters", owned, (size,))
         if not np.isfinite(self.parameters).all():
             raise InvalidArgumentError(f"parameters must be finite, got {shown(self.parameters.tolist())}")

@@ -64,7 +64,13 @@ class Written:
         InvalidArgumentError
             If the input map is a Python function.
         """
-        write(path, self.to_json())
+        written = self.to_json()
+        check_target(path)
+        try:
+            with operating_system.replacing(Path(path).resolve()) as new:
+                new.write_text(written, encoding="utf-8", newline="\n")
+        except (OSError, ValueError, RuntimeError) as error:
+            raise ModelFileError(f"{path}: the model could not be written ({reason_of(error)})") from error
 
     def _as_object(self) -> dict[str, Any]:
         return model_json.as_object(self)  # type: ignore[arg-type]
@@ -94,7 +100,7 @@ def check_target(path: AnyPath) -> None:
 
 
 def holds_model(path: AnyPath) -> bool:
-    """Return whether a file looks like a model that `write` has written; False if it cannot be read."""
+    """Return whether a file looks like a model that `save` has written; False if it cannot be read."""
     try:
         file = Path(path)
         return file.is_file() and _looks_like_model(file.read_bytes() if file.stat().st_size <= LARGEST else b"")
@@ -104,16 +110,6 @@ def holds_model(path: AnyPath) -> bool:
 
 def _looks_like_model(begin: bytes) -> bool:
     return b'"schema_version"' in begin and b'"den"' in begin  # of each row if there are several
-
-
-def write(path: AnyPath, written: str) -> None:
-    """Write a text so that no reader sees a part of it, see `numerics.operating_system.whole_file.replacing`."""
-    check_target(path)
-    try:
-        with operating_system.replacing(Path(path).resolve()) as new:
-            new.write_text(written, encoding="utf-8", newline="\n")
-    except (OSError, ValueError, RuntimeError) as error:
-        raise ModelFileError(f"{path}: the model could not be written ({reason_of(error)})") from error
 
 
 def read(path: AnyPath) -> bytes:

@@ -33,9 +33,9 @@ LONGEST = 2**63  # whole numbers that are read are smaller [number]
 LARGEST = 1 << 20  # longest text that is read as a model: a hundred times one of ten poles [characters]
 LONGEST_REASON = 250  # longest reason why a text is no model [characters]
 VERSION = 1  # version of the layout; raised when an entry changes its meaning or is removed [count]
-OF_SEVERAL = 2  # version for several inputs, whose entries are lists [count]
+OF_SEVERAL = 2  # version for several inputs, which has lists [count]
 OF_OUTPUTS = 3  # version for several outputs, which has rows [count]
-
+PER_INPUT = ("num", "den", "delay", "structure", "poles", "zeros", "dc_gain", "input")  # entries that are lists then
 
 #: The fields of a structure and of where a model comes from, and the kinds of their entries.
 STRUCTURE: dict[str, tuple[type, ...]] = {
@@ -71,29 +71,23 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
     structures, plants = _plants(model)
     std = [value for each in known for value in each.std.tolist()] if known else [math.nan] * model.parameters.size
     noise = model.noise
-
-    def of_inputs(each: list[Any]) -> Any:
-        return each[0] if layout == VERSION else each
-
-    return {
+    written: dict[str, Any] = {
         "schema_version": layout,
-        "num": of_inputs([g.num.tolist() for g in plants]),
-        "den": of_inputs([g.den.tolist() for g in plants]),
-        "delay": of_inputs([g.delay for g in plants]),
-        "structure": of_inputs([{name: getattr(each, name) for name in STRUCTURE} for each in structures]),
+        "num": [g.num.tolist() for g in plants],
+        "den": [g.den.tolist() for g in plants],
+        "delay": [g.delay for g in plants],
+        "structure": [{name: getattr(each, name) for name in STRUCTURE} for each in structures],
         "parameters": {
             name: {"value": value, "std": finite(each)}
             for name, value, each in zip(model.names, model.parameters.tolist(), std, strict=True)
         },
         "covariance": None if model.covariance is None else model.covariance.tolist(),
-        "poles": of_inputs([[pole_object(pole) for pole in g.poles.tolist()] for g in plants]),
-        "zeros": of_inputs(
-            [[{"real": finite(z.real), "imag": finite(z.imag)} for z in g.zeros.tolist()] for g in plants]
-        ),
-        "dc_gain": of_inputs([finite(g.dc_gain) for g in plants]),
+        "poles": [[pole_object(pole) for pole in g.poles.tolist()] for g in plants],
+        "zeros": [[{"real": finite(z.real), "imag": finite(z.imag)} for z in g.zeros.tolist()] for g in plants],
+        "dc_gain": [finite(g.dc_gain) for g in plants],
         "dt": model.dt,
         "input_hold": model.input_hold,
-        "input": of_inputs(inputs),
+        "input": inputs,
         "output": {"name": model.output_name, "level": model.output_level},
         "noise": None if noise is None else vars(noise) | {"coefficients": noise.coefficients.tolist()},
         "fit": {"one_step": finite(model.one_step_fit), "simulated": finite(model.simulated_fit)},
@@ -102,10 +96,10 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
         "verdict": verdict_object(model.verdict),
         "provenance": {name: getattr(model.provenance, name) for name in OF_PROVENANCE},
     }
+    return written | {name: written[name][0] for name in PER_INPUT} if layout == VERSION else written
 
 
 def _plants(model: ModelFields | RowFields) -> tuple[tuple[Structure, ...], tuple[TransferFunction, ...]]:
-    """Return structure and G(s) of each input."""
     if isinstance(model, ModelFields):
         return (model.structure,), (model.transfer_function,)
     return model.structures, model.transfer_functions
@@ -199,17 +193,13 @@ def fields_of(read: dict[str, Any], layout: int) -> dict[str, Any]:
     """Return the fields of the model in an object of JSON; unknown entries are ignored."""
     check_layout(read, layout)
     single = layout == VERSION
-
-    def objects(name: str, count: int | None = None) -> list[dict[str, Any]]:
-        if single:
-            return [entry(read, name, dict)]
-        return [entry({name: each}, name, dict) for each in _items(read, name, count)]
-
+    if single:
+        read = read | {name: [read[name]] for name in ("structure", "input") if name in read}
     structures = tuple(
         Structure(**{name: entry(shape, name, *kinds) for name, kinds in STRUCTURE.items()})
-        for shape in objects("structure")
+        for shape in _objects(read, "structure")
     )
-    inputs = objects("input", len(structures))
+    inputs = _objects(read, "input", len(structures))
     input_names = tuple(entry(each, "name", str) for each in inputs)
     levels = [real(each, "level") for each in inputs]
     pairs = zip(input_names, structures, strict=True)
@@ -233,17 +223,17 @@ def fields_of(read: dict[str, Any], layout: int) -> dict[str, Any]:
             samples=entry(read, "samples", int), **{name: entry(source, name, str) for name in OF_PROVENANCE}
         ),
     }
-    if not single:
-        left_out = tuple(entry(read, "rejected", dict).items()) if "rejected" in read else ()  # not in older files
-        of_row = {"structures": structures, "input_names": input_names, "input_levels": np.array(levels)}
-        return shared | of_row | {"rejected": left_out}
-    return shared | {
-        "structure": structures[0],
-        "input_map": entry(inputs[0], "map", str),
-        "input_level": levels[0],
-        "input_name": input_names[0],
-        "rejected": tuple(entry(read, "rejected", dict).items()),
-    }
+    if single:
+        shared |= {"structure": structures[0], "input_level": levels[0], "input_name": input_names[0]}
+        shared["input_map"] = entry(inputs[0], "map", str)
+    else:
+        shared |= {"structures": structures, "input_names": input_names, "input_levels": np.array(levels)}
+    # older files of several inputs have none
+    return shared | {"rejected": tuple(entry(read if single else {"rejected": {}} | read, "rejected", dict).items())}
+
+
+def _objects(read: dict[str, Any], name: str, count: int | None = None) -> list[dict[str, Any]]:
+    return [entry({name: each}, name, dict) for each in _items(read, name, count)]
 
 
 def _items(read: dict[str, Any], name: str, count: int | None = None) -> list[Any]:

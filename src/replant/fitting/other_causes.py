@@ -35,7 +35,7 @@ from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.model_fields import has_rest
-from replant.fitting.structure_evidence import Evidence, is_asked_for, with_fewer_poles
+from replant.fitting.structure_evidence import Evidence, with_fewer_poles
 from replant.logs.conditioning import outputs_from_rest
 from replant.model.structure import Structure
 from replant.model.uncertainty import Uncertainty, dc_gain_slope
@@ -74,8 +74,7 @@ def judged_further(
 ) -> Assessment:  # fmt: skip
     """Return the verdict on a model (P,) of a whole record, of u - ``zero``, with the results of other models of it."""
     if covariance is not None:  # noise biases an estimate without one
-        if is_asked_for(verdict, structure):
-            verdict = with_fewer_poles(verdict, structure, parameters, record)
+        verdict = with_fewer_poles(verdict, structure, parameters, record)
         verdict = with_other_cause(verdict, structure, parameters, record, zero)
     verdict = with_other_columns(verdict, columns)
     if covariance is None or verdict.status not in ("trusted", "converging"):

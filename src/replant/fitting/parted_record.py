@@ -28,8 +28,8 @@ from replant.fitting.model_fields import has_rest
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import duration_of
-from replant.verdict.sensor_and_excitation import LOADS_ACT, changed_finding, times_after
-from replant.verdict.verdict import Finding
+from replant.verdict.sensor_and_excitation import CHANGED, LOADS_ACT, times_after
+from replant.verdict.verdict import Finding, duration
 
 # the residual due to a step of the sensor amid a record lasts for a fifth to two fifths of it
 FEW = 10  # durations of the noise in a record up to which it may be due to a load [count]
@@ -68,7 +68,8 @@ def solve_parted_row(
         row, found, _ = tried.solution
         plant = find_plant_change(row, found.point.theta)
     if plant is not None:
-        findings.append(changed_finding(ready.record.last(ready.record.u.size - plant.begin).span))
+        since = duration(ready.record.last(ready.record.u.size - plant.begin).span)
+        findings.append(Finding("inconsistent", CHANGED.format(since)))
     if loads and kept.solution is not None:
         seconds = [kept.solution.row.record.first(load + 1).span for load in loads]
         findings.append(Finding("trusted", LOADS_ACT.format(times_after(seconds))))

@@ -52,12 +52,19 @@ class StepResponse(Shown):
     output: FloatArray
     std: FloatArray | None
 
-    WHAT = "step response"
+    WHAT, IS_OF_IMPULSE = "step response", False
 
     @classmethod
     def of(cls, model: TransferFunction, known: Uncertainty | None, time: FloatArray) -> Self:
-        """Return the response of a model at times (N,), which begin at 0 and are equally spaced, in s."""
-        return cls(time, *_over_time(model, known, time))
+        """Return the response of a model at times (N,), which begin at 0 and are equally spaced, in s.
+
+        InvalidArgumentError if a response to an impulse holds an impulse.
+        """
+        if cls.IS_OF_IMPULSE and model.num.size == model.den.size:
+            raise InvalidArgumentError(
+                "G(s) has as many zeros as poles: its impulse response holds an impulse; use step()"
+            )
+        return cls(time, *_over_time(model, known, time, impulse=cls.IS_OF_IMPULSE))
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the response with its band of +-2 standard deviations, into ``ax`` if given; return its axes."""
@@ -73,16 +80,7 @@ class StepResponse(Shown):
 class ImpulseResponse(StepResponse):
     """The response to a unit impulse, from rest: time, output and std as of a `StepResponse`."""
 
-    WHAT = "impulse response"
-
-    @classmethod
-    def of(cls, model: TransferFunction, known: Uncertainty | None, time: FloatArray) -> Self:
-        """Return the response at times (N,), see `StepResponse.of`; InvalidArgumentError if it holds an impulse."""
-        if model.num.size == model.den.size:
-            raise InvalidArgumentError(
-                "G(s) has as many zeros as poles: its impulse response holds an impulse; use step()"
-            )
-        return cls(time, *_over_time(model, known, time, impulse=True))
+    WHAT, IS_OF_IMPULSE = "impulse response", True
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -227,7 +225,7 @@ def _about(root: complex) -> FloatArray:
 
 @quiet
 def _over_time(
-    model: TransferFunction, known: Uncertainty | None, time: FloatArray, *, impulse: bool = False
+    model: TransferFunction, known: Uncertainty | None, time: FloatArray, *, impulse: bool
 ) -> tuple[FloatArray, FloatArray | None]:
     """Return a response (N,) to a step or an impulse, and its standard deviation."""
     output = _response(model.num, model, time, impulse=impulse)

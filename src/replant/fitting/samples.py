@@ -248,12 +248,6 @@ class RawRecord:
         """Return the mapped input that is zero in a prepared record, which has its own level."""
         return float(self.mapped[self.made_use_of][0] - record.u[0]) if record.u.size else 0.0
 
-    def levelled(self, y: FloatArray) -> FloatArray:
-        """Return an output (K,) minus the mean of each record: the part that a model is to explain."""
-        records = [y[begin:end] for begin, end in pairwise([0, *self.begins, self.u.size])]
-        levels = [each[np.isfinite(each)].mean() if np.isfinite(each).any() else 0.0 for each in records]
-        return np.concatenate([each - level for each, level in zip(records, levels, strict=True)])
-
     @property
     def _parts(self) -> list[slice]:
         """The rows of each part with its own offset and initial state."""
@@ -271,8 +265,11 @@ class RawRecord:
 
     def fit(self, y: FloatArray, error: FloatArray) -> float:
         """Return the fit in percent of an output (K,) with an error (K,), each record around its own level."""
-        levelled = self.levelled(y) if self.begins else y
-        return fit_percent(levelled, levelled - error)
+        if self.begins:
+            records = [y[begin:end] for begin, end in pairwise([0, *self.begins, self.u.size])]
+            levels = [each[np.isfinite(each)].mean() if np.isfinite(each).any() else 0.0 for each in records]
+            y = np.concatenate([each - level for each, level in zip(records, levels, strict=True)])
+        return fit_percent(y, y - error)
 
     def one_step(self, residual: FloatArray) -> FloatArray:
         """Return the one-step prediction error (K,) of a free run's residual (K,)."""

@@ -271,24 +271,21 @@ Beside = TypeVar("Beside", Log, Samples)
 
 
 def samples_of_outputs(
-    u: Any,
-    y: Any,
-    dt: float | None,
-    t: Any,
-    reference: Any,
-    input: Any = None,  # noqa: A002 - the word of `fit`
-    output: Any = None,
+    u: Any, y: Any, dt: float | None, t: Any, reference: Any, named: Any, output: Any
 ) -> list[Samples]:
-    """Return the samples of each output: of each column of y, or of each column of a table that a list names."""
+    """Return the samples of each output: of each column of y, or of each column of a table that a list names.
+
+    ``named``, ``output``: the columns of a table, see `replant.fit`.
+    """
     if is_frame(u) and isinstance(output, list | tuple) and output and output not in labels_of(u):
-        each = [Samples.of(u, y, dt, t, reference, input, name) for name in output]
+        each = [Samples.of(u, y, dt, t, reference, named, name) for name in output]
         names = {one.output_name for one in each}
         if len(names) < len(each):
             raise InvalidArgumentError(f"name each column once, got {', '.join(map(shown, output))}")
         return [without_outputs(one, names) for one in each]
     if not (isinstance(y, np.ndarray) and y.ndim == 2 and y.shape[1] > 1):
-        return [Samples.of(u, y, dt, t, reference, input, output)]
-    each = [Samples.of(u, column, dt, t, reference, input, output) for column in outputs_of(y)]
+        return [Samples.of(u, y, dt, t, reference, named, output)]
+    each = [Samples.of(u, column, dt, t, reference, named, output) for column in outputs_of(y)]
     return [replace(one, output_name=f"y{number}") for number, one in enumerate(each, 1)]
 
 

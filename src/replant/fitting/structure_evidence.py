@@ -186,18 +186,11 @@ def numbers_of(structure: Structure) -> int:
     return structure.size + structure.poles + bool(structure.delay)
 
 
-def is_asked_for(verdict: Assessment, structure: Structure) -> bool:
-    """Return whether smaller models are worth trying: a coefficient is too uncertain."""
-    return (
-        structure.poles > 1
-        and not structure.feedthrough
-        and verdict.uncertainty > MOST_UNCERTAIN
-        and bool(verdict.excited)
-    )
-
-
 def with_fewer_poles(verdict: Assessment, structure: Structure, parameters: FloatArray, record: Record) -> Assessment:
     """Return the verdict on a model (P,), with a reason if fewer poles have more evidence: first, unless trusted."""
+    is_uncertain = verdict.excited and verdict.uncertainty > MOST_UNCERTAIN
+    if structure.poles == 1 or structure.feedthrough or not is_uncertain:  # no smaller model is worth trying
+        return verdict
     evidence = Evidence(record.last(MOST_SAMPLES), at_rest=not structure.delay)
     trials = [evidence.of(structure, [without_nuisances(structure, parameters)])]
     trials += [evidence.of(with_poles(structure, poles), ()) for poles in range(1, structure.poles)]

@@ -153,7 +153,6 @@ def _searched(
     preprocess: Preprocess | None,
     progress: Callable[[int, int], None],
 ) -> SearchResult:
-    """Return the result of the search for one output."""
     if is_row(given):
         return search_rows(given, _options(given, poles, zeros, delays), progress)
     preprocess = given.preprocess if preprocess is None else preprocess
@@ -231,11 +230,10 @@ class _Sweep:
             if self._begins_in_motion():
                 self._evidence = Evidence(self._evidence.record, at_rest=False)
                 self._tried, self._between = {}, {}
-                return self._walk()
-            trials = self._of(size)
-            if trials:
+                self._walk()
+                return
+            if trials := self._of(size):
                 self._refine_delay(max(trials, key=lambda trial: trial.evidence))
-        return None
 
     def _begins_in_motion(self) -> bool:
         """Return whether unknown inputs before the record make it likelier than by chance."""
@@ -316,12 +314,10 @@ def _options(given: Samples, poles: Any, zeros: Any, delays: Any) -> list[Option
 
 
 def _times(delays: Any) -> list[float]:
-    """Return the dead times to try, checked and ascending."""
     return sorted(set(several("delays", delays, dead_time)))
 
 
 def _size(structure: Structure) -> tuple[int, int]:
-    """Return the numbers of poles and zeros."""
     return structure.poles, structure.zeros
 
 

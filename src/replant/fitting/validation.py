@@ -169,6 +169,8 @@ def validate(
     kept, residual = np.isfinite(y), y - simulation.output
     clock = np.asarray(dt * np.arange(u.size), np.float64) if t is None else t
     one_step_fit = simulation.fit if simulation.is_prediction else fit_percent(y, y - one_step(residual))
+    left = residual[np.isfinite(residual)]
+    is_tested = left.size > 0 and float(np.std(left)) > ROUNDING * float(np.std(y[kept]))  # more than rounding is left
     lags = correlation_lags([mode.time_constant for mode in g.modes], u.size, dt)
     return Validation(
         simulation.fit,
@@ -177,7 +179,7 @@ def validate(
         simulation.output,
         residual,
         clock,
-        correlations(residual, v, lags) if _is_more_than_rounding(residual, y) else None,
+        correlations(residual, v, lags) if is_tested else None,
         _by_frequency(model, v, residual, dt) if t is None else None,
         _verdict(model, v, y, simulation.output, clock, r, dt, int((doubt == Doubt.STUCK).sum()), regular=t is None),
         int(kept.sum()),
@@ -206,11 +208,6 @@ def _verdict(
         left_out=stuck,
     )  # fmt: skip
     return Verdict(found.status, found.reasons, found.excited)
-
-
-def _is_more_than_rounding(residual: FloatArray, y: FloatArray) -> bool:
-    kept = np.isfinite(residual)
-    return bool(kept.any()) and float(np.std(residual[kept])) > ROUNDING * float(np.std(y[np.isfinite(y)]))
 
 
 def _by_frequency(model: ModelFields, v: FloatArray, residual: FloatArray, dt: float) -> ErrorByFrequency | None:

@@ -16,10 +16,10 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_state import RowState
-from replant.verdict.miso_inputs import faults
+from replant.verdict.miso_inputs import controlled, timing
 from replant.verdict.miso_tests import judged, left_out
-from replant.verdict.sensor_and_excitation import followed_finding, guard_findings, left_out_finding
-from replant.verdict.verdict import Finding, Verdict
+from replant.verdict.sensor_and_excitation import FOLLOWED, guard_findings, left_out_finding
+from replant.verdict.verdict import Finding, Verdict, duration
 
 NO_COLUMNS: Mapping[str, FloatArray] = {}
 
@@ -51,7 +51,7 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
         return None
     point = _over(row, known)
     # findings of the last solution take precedence: without a noise model inputs seem to answer a coloured error
-    of_model = state.findings or faults(row, point, known.noise)
+    of_model = state.findings or (*controlled(row, point, known.noise),) or (*timing(row, point),)
     findings: list[Finding] = []
     if not row.is_stable(point.theta):
         findings.append(Finding("diverged", "an update has made a pole unstable: solve again, with finish, or reset"))
@@ -63,7 +63,7 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
     findings += [*state.of_references, *left_out(row, point, known.noise, rest)]  # the column that explains most
     findings += left_out_finding(int((doubt == Doubt.STUCK).sum()))
     if state.record_began:
-        findings.append(followed_finding(state.length * state.settings.dt))
+        findings.append(Finding("trusted", FOLLOWED.format(duration(state.length * state.settings.dt))))
     found = RowEstimate(point, known.noise, known.covariance, (*of_model, *findings))
     verdict = judged(row, point, known.noise, known.covariance, of_model, findings, is_of_record=False)
     return Newest(ready, RowSolution(row, found, doubt), verdict)

@@ -20,7 +20,7 @@ with a direct path they are one sample late).  With a reference they use the par
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -46,7 +46,7 @@ def power_of(evidence: Evidence, output: FloatArray) -> float:
 def residual_of(evidence: Evidence, error: FloatArray, known: FloatArray) -> Residual:
     """Return the residual of an error (K,) and known columns (K, N) over the samples of ``evidence.known``."""
     used = evidence.used[evidence.known]
-    return Residual.of(error, known, evidence.past, used, unbroken=evidence.unbroken_of(evidence.known))
+    return Residual.of(error, known, evidence.past, used, unbroken=evidence.past_of(evidence.known, unbroken=True))
 
 
 def half_periods(part: FloatArray) -> FloatArray:
@@ -57,18 +57,6 @@ def half_periods(part: FloatArray) -> FloatArray:
 def dynamics(evidence: Evidence, run: ModelRun, *, feedback: bool = False) -> FloatArray:
     """Return the columns (K, C) of other dynamics over the samples that the estimate should explain."""
     return run.dynamics(evidence.known, evidence.dt, evidence.record.span, feedback=feedback)
-
-
-def unexplained_before(evidence: Evidence, runs: Runs) -> Explained:
-    """Return what the input could explain of the earlier estimate's residual over the samples that it has not used."""
-    newest, run = replace(evidence, follows=True), runs.old  # `known` is then what was held out
-    rows = newest.known
-    residual = residual_of(newest, run.error[rows], run.nuisances[rows])
-    # other coefficients count as other dynamics do: the plant may have changed
-    found = residual.explained(np.hstack([dynamics(newest, run), run.zeta[rows]]))
-    part = found.of_output(evidence.record.y[rows], run.error[rows], newest.used[rows])
-    # the variance of the estimate adds as samples held out over samples learned
-    return replace(part, statistic=part.statistic / (1.0 + evidence.held_out / max(evidence.learned, 1)))
 
 
 def unexplained_by_reference(evidence: Evidence, run: ModelRun, reference: Reference) -> Explained:
@@ -140,12 +128,6 @@ class Acting:
     def power(self) -> float:
         """The variance of ``made``."""
         return power_of(self.evidence, self.made)
-
-    @property
-    def whole_input(self) -> FloatArray:
-        """The acting input; without a reference with the samples before the evidence, which act, too."""
-        record = self.evidence.record
-        return record.joined.u if self.loop.reference is None else self.input + record.u.mean()
 
     @cached_property
     def linear(self) -> FloatArray:

@@ -29,6 +29,7 @@ from replant.estimation.engine.state import GAP, SHORTEST_STEP, State
 from replant.estimation.settings import STORED, Request, Settings
 from replant.estimation.simulation.model_run import PER_COEFFICIENT
 from replant.estimation.solver.record_changes import plant_changed
+from replant.kernels.monitoring.outliers import CALM
 from replant.kernels.schema import PAST, Doubt
 from replant.model.structure import Structure
 from replant.model.uncertainty import cancelled_pole
@@ -54,11 +55,11 @@ from replant.verdict.evidence import (
 from replant.verdict.reasons import POOREST_FIT, judge
 from replant.verdict.sensor_and_excitation import (
     REFUSED,
+    RESTED,
     Excitation,
     clock_finding,
     guard_findings,
     level_finding,
-    rested,
 )
 from replant.verdict.verdict import Assessment, Finding, conclude, duration, percent
 
@@ -109,7 +110,7 @@ def assess_record(
     verdict = judge(evidence)
     if not rest:
         return verdict
-    return replace(verdict, excited=False, reasons=(*verdict.reasons, rested(record.last(rest).span)))
+    return replace(verdict, excited=False, reasons=(*verdict.reasons, RESTED.format(duration(record.last(rest).span))))
 
 
 def assess_running(state: State, settings: Settings, history: int) -> Assessment:
@@ -121,14 +122,8 @@ def assess_running(state: State, settings: Settings, history: int) -> Assessment
     return judge(evidence_of(state, settings))
 
 
-def assess_starting(
-    request: Request,
-    kept: RecentSamples,
-    wanted: int,
-    solved: int = 0,
-    uncertainty: float = math.nan,
-) -> Assessment:
-    """Return the verdict during start-up."""
+def assess_starting(request: Request, kept: RecentSamples, wanted: int, solved: int, uncertainty: float) -> Assessment:
+    """Return the verdict during start-up; ``solved``: samples of the provisional model, or 0."""
     if not len(kept):
         return NO_SAMPLE
     u, there = kept.input, kept.is_measured
@@ -155,8 +150,6 @@ def assess_starting(
 @quiet
 def evidence_of(state: State, settings: Settings) -> Evidence:
     """Return the evidence for a verdict from a state."""
-    from replant.kernels.monitoring import outliers
-
     dt, origin, samples = settings.dt, state.record_began, state.samples
     if state.finished_at == samples:
         return _of_solution(state, settings)
@@ -183,7 +176,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         begun_anew=samples - state.changed_at if state.change.is_of_plant and not state.undecided else 0,
         after_alarm=began and bool(in_use.interval[0] <= GAP * dt),
         missing=_missing(in_use),
-        stuck=bool(kept.is_stuck[-outliers.CALM :].any()),
+        stuck=bool(kept.is_stuck[-CALM:].any()),
         left_out=int(kept.is_stuck.sum()) if is_well else 0,
         usual_interval=float(np.median(intervals)) if intervals.size else 0.0,
         measured=newest.output.copy(),
@@ -257,14 +250,12 @@ def _in_use(kept: RecentSamples, state: State) -> RecentSamples:
 
 def _is_well(kept: RecentSamples) -> bool:
     """Return whether a sensor that was stuck has since worked for as long, with outputs on both sides of the fault."""
-    from replant.kernels.monitoring import outliers
-
     stuck = np.flatnonzero(kept.is_stuck)
     if not stuck.size:
         return True
     held, given = kept.output[stuck], kept.output[~kept.is_stuck]
     # without outputs beyond, the value may be an end of the scale, and the sensor sticks again when the output is near
-    has_lasted = len(kept) - 1 - stuck[-1] >= max(outliers.CALM, stuck[-1] - stuck[0])
+    has_lasted = len(kept) - 1 - stuck[-1] >= max(CALM, stuck[-1] - stuck[0])
     return bool(has_lasted and (given < held.min()).any() and (given > held.max()).any())
 
 
@@ -347,16 +338,13 @@ def _of_input(state: State) -> list[Finding]:
 
 
 def _of_monitoring(state: State, settings: Settings) -> list[Finding]:
-    """Return the findings of the monitoring on updates, start-up, sensor and residual."""
-    from replant.kernels.monitoring import outliers
-
     findings = [Finding("diverged", REFUSED)] if state.refused else []
     if state.sums.refuted:
         reason = "the samples of the start-up spoke against the model that they gave: a plant of more poles, or not"
         findings.append(Finding("inconsistent", f"{reason} linear; fit says more of them"))
     return findings + guard_findings(
         state.sums.missing * settings.dt if state.sums.missing > GAP else 0.0,
-        bool(state.stuck_outputs) and state.samples - state.stuck_last < outliers.CALM,
+        bool(state.stuck_outputs) and state.samples - state.stuck_last < CALM,
         (state.samples - state.change_began) * settings.dt if state.alarm else 0.0,
         bool(state.undecided),
         "" if state.look_at else "; nothing is learned until it is as before: reset begins anew",

@@ -247,7 +247,6 @@ def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Fi
 
 
 def _magnitude(evidence: Evidence, coefficients: FloatArray, omega: FloatArray) -> FloatArray:
-    """Return abs G (F,) of a model given by its coefficients."""
     n, s = evidence.structure.poles, 1j * omega
     den = np.concatenate([[1.0], coefficients[:n]])
     return np.asarray(np.abs(np.polyval(coefficients[n : evidence.coefficients], s) / np.polyval(den, s)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -57,67 +58,59 @@ LEAST_LONGER = 1.1  # least factor by which a longer record is asked for; it is 
 LONGER = re.compile(r"(?:(?:record|repeat it) [\w. ]+? times(?: as long)?|take more samples), (?:or )?")  # see `longer`
 
 
-@dataclass(frozen=True)
-class Certainty:
-    """The figures of the estimate, by their names in `Assessment`, and the findings from them."""
+def estimate_findings(
+    evidence: Evidence, runs: Runs, figures: dict[str, Any], closed: bool, by_reference: FloatArray | None
+) -> tuple[list[Finding], bool, float]:
+    """Return the findings on the estimate, whether it moved and explains the newest samples better, and a difference.
 
-    figures: dict[str, float]  # "uncertainty", "movement" and "distance"
-    improves: bool  # whether the estimate moved, and explains the newest samples better than the earlier one
-    findings: list[Finding]
-    # significant difference of the modelled output from that of the estimate with the noise model as a filter, from the
-    # same samples, as a part of the output's amplitude
-    disagreement: float = 0.0
-
-    @classmethod
-    def of(
-        cls, evidence: Evidence, runs: Runs, closed: bool = False, by_reference: FloatArray | None = None
-    ) -> Certainty:
-        """Test the estimate."""
-        size, speeds = evidence.coefficients, Speeds.of(evidence, closed, by_reference)
-        rows, chance = evidence.known, ALPHA
-        if not evidence.instruments:
-            rows, chance = slice(0, evidence.samples), SUSPECT
-        away = distance_of(runs.now, rows, evidence.past_of(rows), evidence.used[rows], chance, closed=closed)
-        known = away.covariance if evidence.covariance is None else evidence.covariance[:size, :size]
-        std = np.sqrt(np.maximum(np.diag(known), 0.0))
-        uncertainty = runs.size(std[: evidence.structure.poles], speeds.poles)
-        step = (evidence.estimate - evidence.earlier)[:size]
-        moved = runs.size(step, speeds.poles)
-        sigmas = float((np.abs(step) / np.maximum(std, np.finfo(float).tiny)).max())
-        distance = runs.size(away.step, speeds.poles)
-        errors = runs.now.error, runs.old.error
-        if by_reference is not None:  # the rest comes from disturbances, which may drift
-            errors = one_step(errors[0]), one_step(errors[1])
-        left = float(np.var(errors[0][evidence.newest])), float(np.var(errors[1][evidence.newest]))
-        improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
-        most = MOST_UNCERTAIN_IN_LOOP if closed else MOST_UNCERTAIN
-        scatter = _scatter(evidence, runs, known, speeds, by_reference)
-        if not closed and _is_in_doubt(evidence, scatter):
-            structure, record, filtered = evidence.structure, evidence.record.joined, bool(evidence.filtered)
-            scatter = resampled_scatter(structure, record, evidence.estimate, filtered=filtered)
-        cancelled = cancelled_pole(evidence.structure, evidence.estimate, known)
-        slow, surprise = slow_noise(evidence, uncertainty), _surprise(evidence, away, known)
-        is_apart = evidence.is_solved and cancelled is None and surprise > 1.0
-        figures = {
-            "uncertainty": uncertainty if cancelled is None else math.inf, "movement": sigmas, "distance": distance
-        }  # fmt: skip
-        more = "" if evidence.finished else "take more samples"
-        # if the input rests for most of the record, a longer rest does not help
-        times = "repeat it {} times" if evidence.moving < evidence.samples / 2 else "record {} times as long"
-        findings = uncertainty_findings(
-            uncertainty, most, math.inf if closed else scatter, cancelled, slow, more, times
-        )
-        if not scatter <= MOST_SCATTER:
-            reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
-            reason += f": {more or longer(scatter, MOST_SCATTER, times)}, or move the input more"
-            findings.append(Finding("converging", reason))
-        moves = float(np.std(runs.now.forced - runs.old.forced))  # effect of the movement on the modelled output
-        if cancelled is None or moves > MINOR_SCATTER * float(np.std(runs.now.forced)):
-            findings += movement_findings(moved, sigmas, evidence.span, improves=improves)
-        if cancelled is None and surprise > 1.0 and distance > FARTHEST and not is_apart:
-            findings.append(_of_distance(evidence, distance))
-        findings += gain_findings(evidence, runs, known, away.covariance) + _fastest(evidence)
-        return cls(figures, improves, findings, _apart(runs, away.step) if is_apart else 0.0)
+    That is the significant difference of the modelled output from that of the estimate with the noise model as a
+    filter, from the same samples, as a part of the output's amplitude; else 0.
+    """
+    size, speeds = evidence.coefficients, Speeds.of(evidence, closed, by_reference)
+    rows, chance = evidence.known, ALPHA
+    if not evidence.instruments:
+        rows, chance = slice(0, evidence.samples), SUSPECT
+    away = distance_of(runs.now, rows, evidence.past_of(rows), evidence.used[rows], chance, closed=closed)
+    known = away.covariance if evidence.covariance is None else evidence.covariance[:size, :size]
+    std = np.sqrt(np.maximum(np.diag(known), 0.0))
+    uncertainty = runs.size(std[: evidence.structure.poles], speeds.poles)
+    step = (evidence.estimate - evidence.earlier)[:size]
+    moved = runs.size(step, speeds.poles)
+    sigmas = float((np.abs(step) / np.maximum(std, np.finfo(float).tiny)).max())
+    distance = runs.size(away.step, speeds.poles)
+    errors = runs.now.error, runs.old.error
+    if by_reference is not None:  # the rest comes from disturbances, which may drift
+        errors = one_step(errors[0]), one_step(errors[1])
+    left = float(np.var(errors[0][evidence.newest])), float(np.var(errors[1][evidence.newest]))
+    improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
+    most = MOST_UNCERTAIN_IN_LOOP if closed else MOST_UNCERTAIN
+    scatter = _scatter(evidence, runs, known, speeds, by_reference)
+    if not closed and _is_in_doubt(evidence, scatter):
+        structure, record, filtered = evidence.structure, evidence.record.joined, bool(evidence.filtered)
+        scatter = resampled_scatter(structure, record, evidence.estimate, filtered=filtered)
+    cancelled = cancelled_pole(evidence.structure, evidence.estimate, known)
+    slow, surprise = slow_noise(evidence, uncertainty), _surprise(evidence, away, known)
+    is_apart = evidence.is_solved and cancelled is None and surprise > 1.0
+    figures["uncertainty"] = uncertainty if cancelled is None else math.inf
+    figures |= {"movement": sigmas, "distance": distance}
+    more = "" if evidence.finished else "take more samples"
+    # if the input rests for most of the record, a longer rest does not help
+    times = "repeat it {} times" if evidence.moving < evidence.samples / 2 else "record {} times as long"
+    bound = math.inf if closed else scatter
+    findings = uncertainty_findings(uncertainty, most, bound, cancelled, slow, more, times)
+    if not scatter <= MOST_SCATTER:
+        reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
+        reason += f": {more or longer(scatter, MOST_SCATTER, times)}, or move the input more"
+        findings.append(Finding("converging", reason))
+    moves = float(np.std(runs.now.forced - runs.old.forced))  # effect of the movement on the modelled output
+    if cancelled is None or moves > MINOR_SCATTER * float(np.std(runs.now.forced)):
+        findings += movement_findings(moved, sigmas, evidence.span, improves=improves)
+    if cancelled is None and surprise > 1.0 and distance > FARTHEST and not is_apart:
+        findings.append(_of_distance(evidence, distance))
+    findings += gain_findings(evidence, runs, known, away.covariance) + _fastest(evidence)
+    output = float(runs.now.forced.std()) if is_apart else 0.0  # one of zero has a finding elsewhere
+    disagreement = float(np.std(combined(runs.now.zeta, away.step))) / output if output > 0.0 else 0.0
+    return findings, improves, disagreement
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,14 +248,6 @@ def _surprise(evidence: Evidence, away: Distance, known: FloatArray) -> float:
     # the difference of two estimates of the same samples, without noise model and with, scatters no more than the first
     square = float(away.step @ inverse_of(known) @ away.step)  # NaN where that is singular
     return min(away.statistic, square / chi2_quantile(1.0 - ALPHA, away.step.size))
-
-
-def _apart(runs: Runs, step: FloatArray) -> float:
-    """Return the change of the modelled output by a step of the coefficients, as a part of its amplitude."""
-    output = float(runs.now.forced.std())
-    return (
-        float(np.std(combined(runs.now.zeta, step))) / output if output > 0.0 else 0.0
-    )  # an output of zero has a finding elsewhere
 
 
 def _of_distance(evidence: Evidence, distance: float) -> Finding:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -93,6 +94,12 @@ class Evidence:
     measured: FloatArray | None = None  # (W,): the output as the sensor gave it; None if it is the record's
     bridged: BoolArray | None = None  # (W,): samples not tested, as their doubtful output was replaced by the model's
 
+    @classmethod
+    def of_record(cls, structure: Structure, dt: float, record: Record, estimate: FloatArray, **more: Any) -> Evidence:
+        """Return the evidence of an estimate that was made from all samples of a record, scaled to about one."""
+        given = {"covariance": None, "earlier": estimate, "unseen": 0, "learned": record.u.size, "in_sample": True}
+        return cls(structure, dt, record, estimate, **(given | more)).in_own_units()
+
     def in_own_units(self) -> Evidence:
         """Return the same evidence scaled to about one by powers of two, so that squares fit into float64."""
         of_input, of_output = _power_of_two(self.record.u), _power_of_two(self.record.y)
@@ -144,16 +151,9 @@ class Evidence:
         """Return an error (W,) with NaN at samples that no test uses."""
         return np.where(self.used, error, np.nan)
 
-    def past_of(self, rows: slice) -> IntArray:
-        """Return the number of used samples in a row before each of some rows, up to LAGS."""
-        return self._predecessors(rows, self.used)
-
-    def unbroken_of(self, rows: slice) -> IntArray:
-        """Return the number of samples in a row before each of some rows, used or not, up to LAGS."""
-        return self._predecessors(rows, None)
-
-    def _predecessors(self, rows: slice, used: BoolArray | None) -> IntArray:
-        record = replace(self.record, measured=used, before=None)
+    def past_of(self, rows: slice, *, unbroken: bool = False) -> IntArray:
+        """Return the number of used samples (if ``unbroken``, of any) in a row before each of some rows, up to LAGS."""
+        record = replace(self.record, measured=None if unbroken else self.used, before=None)
         return np.minimum(record.predecessors[rows], np.arange(self.samples)[: self.samples - rows.start])
 
     @property
@@ -227,12 +227,6 @@ class Evidence:
     def moving(self) -> int:
         """Samples before the input came to rest."""
         return moving(self.record.u, self.largest_power)
-
-    @property
-    def was_trusted(self) -> bool:
-        """Whether the model was trusted when the input came to rest, and the input has rested since."""
-        rested = self.samples - self.moving
-        return self.trusted_before and (not self.moving or rested >= self.since_trusted + RESTED)
 
     @property
     def newest(self) -> slice:

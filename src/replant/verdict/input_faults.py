@@ -102,12 +102,6 @@ class Bend:
         return [Finding("inconsistent", f"{self.fault}: {reason}")]
 
 
-def bend_findings(acting: Acting) -> list[Finding]:
-    """Return a finding on the most significant curve of actuator or sensor."""
-    surest = surest_of(bends_of(acting))
-    return [] if surest is None else surest.findings
-
-
 def surest_of(bends: Iterable[Bend | None]) -> Bend | None:
     """Return the most significant of some curves; None if there is none."""
     return max(filter(None, bends), key=lambda bend: bend.statistic, default=None)
@@ -131,7 +125,9 @@ def bends_of(acting: Acting) -> tuple[Bend | None, Bend | None]:
                 found.append(Bend(acting, fault, of_sensor, min(told.power / power, 1.0), told.statistic, power))
         return surest_of(found)
 
-    v, z = _scaled(acting.whole_input - evidence.input_zero), _scaled(sensed - sensed[rows].mean())
+    record, is_known = evidence.record, acting.loop.reference is None  # without a reference earlier inputs act, too
+    whole = record.joined.u if is_known else acting.input + record.u.mean()
+    v, z = _scaled(whole - evidence.input_zero), _scaled(sensed - sensed[rows].mean())
     actuator = surest(v, acting.power, OF_ACTUATOR, of_sensor=False)
     return actuator, surest(z, power_of(evidence, sensed[rows]), OF_SENSOR, of_sensor=True)
 

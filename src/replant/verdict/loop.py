@@ -33,6 +33,11 @@ from replant.verdict.verdict import Finding
 STILL = "the reference stands still"
 COPIED = "the reference is a copy of the input"
 IDLE = "the reference explains nothing of the input"
+NO_USE = {  # the finding on each fault of a reference
+    STILL: Finding("not excited", f"{STILL}: move it, or leave it out"),
+    COPIED: Finding("trusted", f"{COPIED}, and says no more than the input does"),
+    IDLE: Finding("not excited", f"{IDLE}: give the column that does, move it more, or leave it out"),
+}
 REMEDY = "give what is applied from outside, as a set-point or a dither, as the reference"
 ALIKE = "noise of an input that is measured looks alike"
 CLOSED = f"the loop is closed: the input answers the residual, which the noise model whitens ({ALIKE})"
@@ -95,15 +100,16 @@ class Reference:
         r, u = evidence.record.r, evidence.record.u
         if r is None:
             return None, []
-        fault = fault_of(r, u)
-        if fault == COPIED:
-            return None, [Finding("trusted", f"{COPIED}, and says no more than the input does")]
-        if fault:
-            return None, [Finding("not excited", f"{fault}: move it, or leave it out")]
-        found = cls.projected(r, u, evidence.record.y)
-        if not found.strength > 1.0:
-            return None, [Finding("not excited", f"{IDLE}: give the column that does, move it more, or leave it out")]
-        return found, []
+        found, fault = cls.tried(r, u, evidence.record.y)
+        return (None, [NO_USE[fault]]) if fault else (found, [])
+
+    @classmethod
+    def tried(cls, r: FloatArray, u: FloatArray, y: FloatArray) -> tuple[Reference | None, str]:
+        """Return what a reference explains of input and output (K,), and why that is of no use; else ""."""
+        if fault := fault_of(r, u):
+            return None, fault
+        found = cls.projected(r, u, y)
+        return found, "" if found.strength > 1.0 else IDLE
 
     @classmethod
     def projected(cls, r: FloatArray, u: FloatArray, y: FloatArray) -> Reference:

@@ -26,8 +26,8 @@ from replant.numerics.linear_algebra import chi2_quantile, inner, products
 from replant.numerics.projections import lengths_of, weights_by, widening, without
 from replant.verdict.estimate_tests import FARTHEST
 from replant.verdict.input_faults import EARLY, later, timing_finding
-from replant.verdict.miso_certainty import relative_sizes
-from replant.verdict.miso_tests import is_rounding, of_filters, power_of_row
+from replant.verdict.miso_evidence import relative_sizes
+from replant.verdict.miso_tests import beside_nuisances, is_rounding, of_filters, power_of_row
 from replant.verdict.verdict import Finding, percent
 
 LATE = (
@@ -36,11 +36,6 @@ LATE = (
 )
 MOVED_UP = "move its column up by a row"
 A_NAT = 1.0  # gain of the log-likelihood below which the steps end: twice its mean by chance [nats]
-
-
-def faults(row: Row, point: Point, noise: Autoregression) -> tuple[Finding, ...]:
-    """Return findings on inputs that a controller makes, or else on inputs with another dead time."""
-    return (*controlled(row, point, noise),) or (*timing(row, point),)
 
 
 def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]:
@@ -170,7 +165,6 @@ def _told(row: Row, point: Point, timed: Row, after: Point) -> tuple[Row, Point]
 
 
 def _with_delay(row: Row, number: int, delay: float) -> Row:
-    """Return the row with another dead time of an input."""
     each = enumerate(row.structures)
     structures = tuple(replace(structure, delay=delay) if i == number else structure for i, structure in each)
     return Row(structures, row.record, row.inputs, row.names)
@@ -201,11 +195,8 @@ def _beside(
     row: Row, point: Point, noise: Autoregression, columns: Callable[[Stretch], FloatArray]
 ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
     """Return weights (C,), statistics over their limit (C,) and steps (P,) for each of some columns by itself."""
-    parts = []
-    for stretch in row.stretches:
-        _, _, free = row.signals(point.theta, stretch)
-        parts.append(without(*(row.whitened(noise, each, stretch) for each in (columns(stretch), free))))
-    white, zeta, error = (np.concatenate(each) for each in (parts, point.zeta, point.error))
+    white = beside_nuisances(row, point, noise, columns)
+    zeta, error = np.concatenate(point.zeta), np.concatenate(point.error)
     taken = weights_by(products(zeta, zeta), products(zeta, white))
     left = without(white, zeta)
     lengths, limit = lengths_of(left), chi2_quantile(1.0 - ALPHA, 1)
@@ -217,4 +208,4 @@ def _beside(
         wider = widening(basis, error - amount * basis[:, 0], variance)
         statistics[i] = amount**2 / max(variance * wider * limit, 1e-300)
         weights[i] = amount / length
-    return weights, statistics, [-taken[:, i] * weights[i] for i in range(weights.size)]
+    return weights, statistics, list(-(taken * weights).T)

@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
-from replant.estimation.simulation.miso import Point, Row, evaluate
+from replant.estimation.simulation.miso import Point, Row, Stretch, evaluate
 from replant.estimation.solver.miso_steps import refine, start_without
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import (
-    chi2_quantile,
-    combined,
-    inverse_of,
-    products,
-    sum_of_squares,
-)
+from replant.numerics.linear_algebra import chi2_quantile, combined, inverse_of, products, sum_of_squares
 from replant.numerics.projections import orthogonal, widening, without
 from replant.verdict.evidence import COPY_OF, FEWEST, RESTED, STANDS_STILL, is_copy, moving, rounding_of
 from replant.verdict.loop import Reference
-from replant.verdict.miso_certainty import unsure, untold
-from replant.verdict.miso_evidence import faults_of_output, faults_of_row, seen_by_each
+from replant.verdict.miso_evidence import faults_of_row, seen_by_each, unsure, untold
+from replant.verdict.sensor_and_excitation import held_output_findings
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, figure, percent
 
 GIVEN_UP = (
@@ -49,16 +43,22 @@ def judged(
     """Return the verdict on a point, with the ``faults`` found before, and other findings."""
     others, general = [*faults, *others], [finding for finding in faults if finding.reason == GIVEN_UP]
     others = [finding for finding in others if finding.reason != GIVEN_UP]
-    is_named = any(_is_fault(each) for each in faults if each.reason != GIVEN_UP)
-    findings = list(_still(row)) or [*_copied(row), *untold(row, point, covariance)]
+    is_named = any(each.status == "inconsistent" and each.reason != GIVEN_UP for each in faults)
+    still = not np.ptp(row.record.y[row.record.is_measured]) > 0.0
+    findings = [] if still else [*_copied(row), *untold(row, point, covariance)]
+    if still:
+        findings.append(Finding("inconsistent", STANDS_STILL.format(f"the last {duration(row.record.span)}")))
     if not findings:
         findings += _useless(row, point, noise, covariance)
         seen = seen_by_each(row, point, covariance)
-        held = faults_of_output(seen)
+        held = held_output_findings(*((acting.evidence, acting.runs) for _, acting in seen))
         # an estimate that runs with the samples may be older than a change
         outdated = [] if findings or is_of_record else list(_outdated(row, point, noise, covariance))
         named = [] if is_named or findings else list(faults_of_row(seen, in_time=not outdated))
-        others, is_named = [*held, *named, *others], is_named or any(_is_fault(each) for each in [*held, *named])
+        others, is_named = (
+            [*held, *named, *others],
+            is_named or any(each.status == "inconsistent" for each in [*held, *named]),
+        )
         # a named fault also lets other dynamics explain the residual: in feedback the input explains the noise
         general = general if is_named else [*lacking(row, point, noise), *general]
         known = [] if findings or general else list(unsure(row, point, covariance))
@@ -69,26 +69,11 @@ def judged(
         findings + others + general, "each input is told apart, and the inputs explain no more of the output"
     )
     verdict = Verdict(*told, excited=excited)
-    if not excited or is_of_record or not (rest := _rest(row)):
-        return verdict
-    reason = f"no input has moved for the last {duration(rest)}: move one to learn more"
-    return replace(verdict, excited=False, reasons=(*verdict.reasons, reason))
-
-
-def _is_fault(finding: Finding) -> bool:
-    return finding.status == "inconsistent"
-
-
-def _rest(row: Row) -> float:
-    """Return for how many s all inputs have rested; 0 if for less than `RESTED` samples and a quarter of the record."""
     rest = len(row.inputs) - max(moving(u) for u in row.inputs.T)
-    return row.record.last(rest).span if rest >= min(RESTED, len(row.inputs) // 4) else 0.0
-
-
-def _still(row: Row) -> Iterator[Finding]:
-    """Yield a finding if the output is constant."""
-    if not np.ptp(row.record.y[row.record.is_measured]) > 0.0:
-        yield Finding("inconsistent", STANDS_STILL.format(f"the last {duration(row.record.span)}"))
+    if not excited or is_of_record or rest < min(RESTED, len(row.inputs) // 4):
+        return verdict
+    reason = f"no input has moved for the last {duration(row.record.last(rest).span)}: move one to learn more"
+    return replace(verdict, excited=False, reasons=(*verdict.reasons, reason))
 
 
 def _copied(row: Row) -> Iterator[Finding]:
@@ -215,22 +200,22 @@ def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray)
 
 def of_rivals(row: Row, point: Point, rivals: Iterable[FloatArray]) -> Iterator[Finding]:
     """Yield the input whose part of the output differs most between the estimate and rival models, if that matters."""
-    own = _parts(row, point.theta)
-    size, name, largest = float(own.sum(axis=1).std()), "", 0.0
+
+    def parts(theta: FloatArray) -> FloatArray:
+        """Return the parts (K, q) of the measured outputs by each input, each stretch from rest."""
+        return np.concatenate([row.signals(theta, each)[0][each.measured] for each in row.stretches])
+
+    own, name, largest = parts(point.theta), "", 0.0
+    size = float(own.sum(axis=1).std())
     for theta in rivals:
-        parts = np.std(_parts(row, theta) - own, axis=0)
-        if float(parts.max()) > largest:
-            name, largest = row.names[int(parts.argmax())], float(parts.max())
+        apart = np.std(parts(theta) - own, axis=0)
+        if float(apart.max()) > largest:
+            name, largest = row.names[int(apart.argmax())], float(apart.max())
     if largest > math.sqrt(MATTERS) * size:
         yield Finding(
             "converging",
             f"another model is as likely, with another response to input {name}: move that input more, or record more",
         )
-
-
-def _parts(row: Row, theta: FloatArray) -> FloatArray:
-    """Return the parts (K, q) of the measured outputs by each input, each stretch from rest."""
-    return np.concatenate([row.signals(theta, each)[0][each.measured] for each in row.stretches])
 
 
 def power_of_row(row: Row, noise: Autoregression) -> float:
@@ -257,15 +242,15 @@ def of_filters(
     if is_rounding(row, point):
         return 0.0, 0.0
     model, span = AuxiliaryModel(Structure(1), row.dt), sum(each.inputs[0].span for each in row.stretches)
-    cutoffs, parts = np.geomspace(5.0 / span, 1.0 / row.dt, FILTERS), []
-    for stretch in row.stretches:
+    cutoffs = np.geomspace(5.0 / span, 1.0 / row.dt, FILTERS)
+
+    def filtered(stretch: Stretch) -> FloatArray:
         given = [np.ascontiguousarray(each[stretch.rows] - each[stretch.rows][0]) for each in signals]
         records = [replace(stretch.inputs[0], u=each) for each in given]
         runs = [model.run(np.array([p, p, 0.0, 0.0]), record).output for record in records for p in cutoffs]
-        _, _, free = row.signals(point.theta, stretch)
-        columns = np.column_stack([*runs, *given])
-        parts.append(without(*(row.whitened(noise, each, stretch) for each in (columns, free))))
-    white, phi, error = (np.concatenate(each) for each in (parts, point.zeta, point.error))
+        return np.column_stack([*runs, *given])
+
+    white, phi, error = beside_nuisances(row, point, noise, filtered), *map(np.concatenate, (point.zeta, point.error))
     lengths = np.sqrt(np.einsum("ij,ij->j", white, white))
     if not lengths.any():
         return 0.0, 0.0
@@ -285,6 +270,17 @@ def of_filters(
     limit = chi2_quantile(1.0 - ALPHA, basis.shape[1]) * widening(basis, error - combined(basis, amounts), variance)
     power = float(amounts @ amounts) - float(np.trace(spread))
     return statistic / max(limit, 1e-300), power / max(power_of_row(row, noise), np.finfo(float).tiny)
+
+
+def beside_nuisances(
+    row: Row, point: Point, noise: Autoregression, columns: Callable[[Stretch], FloatArray]
+) -> FloatArray:
+    """Return columns (K, C), made for each stretch, whitened and without the nuisances."""
+    parts = []
+    for stretch in row.stretches:
+        _, _, free = row.signals(point.theta, stretch)
+        parts.append(without(*(row.whitened(noise, each, stretch) for each in (columns(stretch), free))))
+    return np.concatenate(parts)
 
 
 def is_rounding(row: Row, point: Point) -> bool:

@@ -74,19 +74,16 @@ def other_columns(
     record = record.last(MOST_SAMPLES).answering(structure.delay)
     rows = slice(whole - record.u.size, whole)
     signals = {name: _scaled(signal[rows]) for name, signal in others.items() if _moves(signal[rows])}
-    evidence = Evidence(
-        structure, dt, record, parameters, None, parameters,
-        unseen=0, learned=record.u.size, in_sample=True,
-    ).in_own_units()  # fmt: skip
+    evidence = Evidence.of_record(structure, dt, record, parameters)
     if not signals or evidence.counted < evidence.enough or not np.ptp(record.u) > 0.0:
         return ()
     runs = Runs.of(evidence)
     if runs is None:
         return ()
     acting = Acting.of(evidence, runs, Loop(answer(evidence, runs.now, evidence.record.u, int(runs.now.is_direct))))
-    causes = {}
+    causes, at_once = {}, replace(structure, delay=0.0)  # no dead time
     for name, x in signals.items():
-        by_x = _run(evidence, x)
+        by_x = run_model(at_once, evidence.estimate, replace(evidence.record, u=x, before=None), dt)
         if by_x is not None and not _is_made_of(acting, by_x.u):
             causes[name] = by_x
     return tuple(_chosen(acting, causes))
@@ -110,19 +107,16 @@ def _chosen(acting: Acting, causes: dict[str, ModelRun]) -> Iterator[OtherColumn
         if not sure:
             return
         sure.sort(key=lambda each: -each[0])
-        first = _first_cause(evidence, {name: left[name] for _, name, _, _ in sure})
-        size, _, columns, effect = next(each for each in sure if each[1] == first)
+        runs = {name: left[name] for _, name, _, _ in sure}
+
+        def follows(name: str, runs: dict[str, ModelRun] = runs) -> bool:
+            return any(_follows(evidence, runs[name].u, run) for other, run in runs.items() if other != name)
+
+        # a second sensor of a cause follows it
+        size, first, columns, effect = next((each for each in sure if not follows(each[1])), sure[0])
         del left[first]
         residual = residual.knowing(columns)
         yield OtherColumn(first, size, size * acting.power / power_of(evidence, error), _bias(acting, effect))
-
-
-def _first_cause(evidence: Evidence, sure: Mapping[str, ModelRun]) -> str:
-    """Return the first signal that follows none of the others, as a second sensor of a cause does; else the first."""
-    for name, by_x in sure.items():
-        if not any(_follows(evidence, by_x.u, other) for other in sure.values() if other is not by_x):
-            return name
-    return next(iter(sure))
 
 
 def _follows(evidence: Evidence, x: FloatArray, run: ModelRun) -> bool:
@@ -164,12 +158,6 @@ def _is_made_of(acting: Acting, x: FloatArray) -> bool:
     if _follows(evidence, x, run) or answer(evidence, run, x).found:
         return True
     return acting.loop.is_closed and Reference.projected(x, evidence.record.u, evidence.record.y).strength > 1.0
-
-
-def _run(evidence: Evidence, x: FloatArray) -> ModelRun | None:
-    """Return the model run from another signal (K,), without a dead time."""
-    record = replace(evidence.record, u=x, before=None)
-    return run_model(replace(evidence.structure, delay=0.0), evidence.estimate, record, evidence.dt)
 
 
 def _moves(signal: FloatArray) -> bool:

@@ -33,12 +33,13 @@ from replant.numerics.levels import MATTERS, NEGLIGIBLE
 from replant.numerics.linear_algebra import quiet
 from replant.numerics.robust import robust_std
 from replant.verdict import sensor_and_excitation
-from replant.verdict.alternatives import Acting, unexplained_before, unexplained_by_reference
-from replant.verdict.estimate_tests import Certainty, slow_noise, without_longer
+from replant.verdict.alternatives import Acting, dynamics, residual_of, unexplained_by_reference
+from replant.verdict.estimate_tests import estimate_findings, slow_noise, without_longer
 from replant.verdict.evidence import (
     CONSTANT,
     COPY,
     LEAST_POWER,
+    RESTED,
     RESTING,
     STANDS_STILL,
     Evidence,
@@ -46,18 +47,18 @@ from replant.verdict.evidence import (
     is_constant,
     is_copy,
 )
-from replant.verdict.held_output import held_output_findings
 from replant.verdict.input_faults import (
-    bend_findings,
+    bends_of,
     dead_time_findings,
     direct_findings,
     hold_findings,
     rhythm_findings,
+    surest_of,
 )
 from replant.verdict.loop import COLOURED, Loop, Reference
 from replant.verdict.plant_faults import plant_findings
 from replant.verdict.sensor_and_excitation import LOADS_ACT, LOADS_MAY_ACT
-from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, percent
+from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, duration, percent
 
 POOREST_FIT = 10.0  # simulated fit below which the input explains next to nothing: noise has four times its power [%]
 WORST_FIT = -1000.0  # simulated fit below which fits are not told apart in words [%]
@@ -84,7 +85,9 @@ def judge(evidence: Evidence) -> Assessment:
         return verdict
     # the newest samples cannot decide whether the model is right: all samples may, or the verdict from before the rest
     objections = _of_samples(evidence) + _of_guard(evidence)
-    if evidence.was_trusted and not any(found.status in ("diverged", "inconsistent") for found in objections):
+    rested = evidence.samples - evidence.moving
+    was_trusted = evidence.trusted_before and (not evidence.moving or rested >= evidence.since_trusted + RESTED)
+    if was_trusted and not any(found.status in ("diverged", "inconsistent") for found in objections):
         return replace(verdict, status="trusted", reasons=(BEFORE, verdict.reasons[0]))
     few = 0 if evidence.finished else FEWEST_MOVING
     before = verdict if evidence.in_sample or evidence.moving < few else _judged(evidence.as_whole())
@@ -108,7 +111,7 @@ def _judged(evidence: Evidence) -> Assessment:
         found = sensor_and_excitation.excitation(runs.now, evidence.newest)
         figures |= {"condition": found.condition, "excitation": found.share}
         # an output that is held between reports looks like a stuck sensor
-        held = held_output_findings((evidence, runs))
+        held = sensor_and_excitation.held_output_findings((evidence, runs))
         findings += held or _of_sensor(evidence, runs)
         # a fault that the comparison with the model has named is not named again
         named = bool(held) or any(each.status != "trusted" for each in findings)
@@ -128,12 +131,9 @@ def _judged(evidence: Evidence) -> Assessment:
 
 def _shares_root(evidence: Evidence, condition: float) -> bool:
     """Return whether a pole that a zero may cancel explains too large a condition number, and not the input."""
-    covariance = evidence.covariance
-    return (
-        condition >= sensor_and_excitation.WORST_CONDITION
-        and covariance is not None
-        and cancelled_pole(evidence.structure, evidence.estimate, covariance) is not None
-    )
+    if evidence.covariance is None or condition < sensor_and_excitation.WORST_CONDITION:
+        return False
+    return cancelled_pole(evidence.structure, evidence.estimate, evidence.covariance) is not None
 
 
 def _lacks_excitation(findings: list[Finding]) -> bool:
@@ -151,7 +151,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
     if is_constant(whole):
         reason = CONSTANT
         if evidence.largest_power > (RESTING * float(np.abs(u).max())) ** 2:
-            reason = sensor_and_excitation.rested(evidence.seconds(evidence.samples))
+            reason = sensor_and_excitation.RESTED.format(duration(evidence.seconds(evidence.samples)))
         return [*findings, Finding("not excited", reason)]
     known = evidence.raw[evidence.used]
     if known.size and known.min() == known.max():
@@ -166,7 +166,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         part = percent(float(np.var(u[evidence.newest])) / evidence.largest_power)
         reason = f"the input hardly moves any more: its variance over {evidence.span} is {part} of its largest so far"
         if is_constant(u[evidence.newest]):
-            reason = sensor_and_excitation.rested(evidence.seconds(evidence.held_out or evidence.samples))
+            reason = sensor_and_excitation.RESTED.format(evidence.age)
         findings.append(Finding("not excited", reason))
     if evidence.is_young:
         few = f"{evidence.unseen} samples that the estimate has not used are too few"
@@ -176,7 +176,6 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
 
 
 def _of_guard(evidence: Evidence) -> list[Finding]:
-    """Return the findings of the online monitoring."""
     findings = sensor_and_excitation.guard_findings(
         evidence.seconds(evidence.missing) if evidence.missing > GAP else 0.0,
         evidence.stuck,
@@ -187,12 +186,14 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
         status, reason = ("converging", LOADS_MAY_ACT) if evidence.undecided else ("trusted", LOADS_ACT)
         findings.append(Finding(status, reason.format(sensor_and_excitation.times_after(evidence.loads))))
     if evidence.begun_anew:
-        findings.append(sensor_and_excitation.followed_finding(evidence.seconds(evidence.begun_anew)))
+        since = duration(evidence.seconds(evidence.begun_anew))
+        findings.append(Finding("trusted", sensor_and_excitation.FOLLOWED.format(since)))
     change = evidence.plant_change
     if change is not None and change.goes_on:
         findings.append(Finding("inconsistent", sensor_and_excitation.CHANGING))
     elif change is not None:
-        findings.append(sensor_and_excitation.changed_finding(evidence.seconds(change.samples)))
+        since = duration(evidence.seconds(change.samples))
+        findings.append(Finding("inconsistent", sensor_and_excitation.CHANGED.format(since)))
     return findings
 
 
@@ -204,11 +205,8 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
         return []
     modelled = evidence.record.y - runs.old.error
     noise = robust_std(runs.old.error[evidence.used])
-    count = newest.size
-    intervals = evidence.record.intervals
-    steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
     resolved = sensor_and_excitation.is_resolved(y, noise)
-    elapsed, unit = np.cumsum(steps), evidence.output_unit
+    elapsed, unit = np.cumsum(np.broadcast_to(evidence.record.intervals, y.shape)[newest]), evidence.output_unit
     u, y, modelled = evidence.record.u[newest], y[newest], modelled[newest]
     found = sensor_and_excitation.end_finding(u, y, modelled, noise, elapsed)
     found = found or sensor_and_excitation.saturation_finding(y, modelled, unit)
@@ -217,34 +215,31 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 
 def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
-    """Return the findings of the tests of the model and of the estimate."""
     made = None if loop.reference is None else loop.reference.output
-    certainty = Certainty.of(evidence, runs, loop.is_closed, made)
-    figures |= certainty.figures
+    known, improves, disagreement = estimate_findings(evidence, runs, figures, loop.is_closed, made)
     acting = Acting.of(evidence, runs, loop)
+    bend = surest_of(bends_of(acting))
     model = [
         *_fit(evidence, runs, loop, figures),
-        *bend_findings(acting),
+        *([] if bend is None else bend.findings),
         *_unexplained(acting, figures),
         *plant_findings(acting)[0],
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
         *sensor_and_excitation.growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *sensor_and_excitation.burst_finding(evidence, runs),
-        *_disagreement(max(evidence.disagreement, certainty.disagreement)),
     ]
-    if certainty.improves:  # the present estimate may explain what the earlier one did not
+    apart = max(evidence.disagreement, disagreement)
+    if apart > DISAGREES:
+        reason = (
+            f"filtered by its noise model the same record gives another model, whose output differs by {percent(apart)}"
+        )
+        reason += ": too few poles or zeros, a wrong dead time, or a plant that is not linear"
+        model.append(Finding("inconsistent", reason))
+    if improves:  # the present estimate may explain what the earlier one did not
         model = [Finding(max(found.status, "converging", key=STATUSES.index), found.reason) for found in model]
     held = [] if loop.reference is not None else hold_findings(evidence, runs)
     # an input with a wrong hold acts half a sample early, and then seems to answer the residual
-    return (held or [*loop.findings, *direct_findings(acting)]) + model + certainty.findings
-
-
-def _disagreement(size: float) -> list[Finding]:
-    if size <= DISAGREES:
-        return []
-    reason = f"filtered by its noise model the same record gives another model, whose output differs by {percent(size)}"
-    reason += ": too few poles or zeros, a wrong dead time, or a plant that is not linear"
-    return [Finding("inconsistent", reason)]
+    return (held or [*loop.findings, *direct_findings(acting)]) + model + known
 
 
 def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
@@ -305,8 +300,17 @@ def _unexplained(acting: Acting, figures: Figures) -> list[Finding]:
 
 def _unexplained_before(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Return a finding if the input explains much of the earlier estimate's residual in samples it has not used."""
-    part = unexplained_before(evidence, runs) if evidence.held_out and evidence.used[evidence.newest].any() else None
-    if part is None or not (part.is_sure and part.is_large):
+    if not (evidence.held_out and evidence.used[evidence.newest].any()):
+        return []
+    newest, run = replace(evidence, follows=True), runs.old  # `known` is then what was held out
+    rows = newest.known
+    residual = residual_of(newest, run.error[rows], run.nuisances[rows])
+    # other coefficients count as other dynamics do: the plant may have changed
+    found = residual.explained(np.hstack([dynamics(newest, run), run.zeta[rows]]))
+    part = found.of_output(evidence.record.y[rows], run.error[rows], newest.used[rows])
+    # the variance of the estimate adds as samples held out over samples learned
+    part = replace(part, statistic=part.statistic / (1.0 + evidence.held_out / max(evidence.learned, 1)))
+    if not (part.is_sure and part.is_large):
         return []
     part_of = f"{percent(min(part.power, 1.0))} of the output's power over {evidence.span}"
     past = f"unexplained by the estimate of {evidence.age} ago: it still converges, or the plant changes"
@@ -314,7 +318,6 @@ def _unexplained_before(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 
 def _in_favour(evidence: Evidence, loop: Loop, figures: Figures) -> str:
-    """Return the reason to trust the model."""
     fit, uncertainty = figures.get("fit", math.nan), figures.get("uncertainty", math.nan)
     which = "in sample" if evidence.in_sample else "which the estimate had not used"
     std = f"; its denominator's coefficients have standard deviations up to {percent(uncertainty)}"

@@ -20,6 +20,7 @@ from replant.fitting.fit_result import FitResult
 from replant.fitting.miso_fit import RowFit, check_numbers, columns_of, structures_of
 from replant.fitting.miso_model import evaluated
 from replant.fitting.miso_solve import references_of
+from replant.fitting.model import reference_of
 from replant.fitting.other_causes import judged_further
 from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
@@ -137,9 +138,7 @@ def run(
     request = Request(first, given.dt, filter=filter_for(given.input_hold), optimizer=optimizer, preprocess=preprocess)
     u, y = record(given.u, given.y)
     stamps = None if given.t is None else increasing(given.t, u.size)
-    r = None if given.reference is None else vector("reference", given.reference)
-    if r is not None and r.size != u.size:
-        raise InvalidArgumentError(f"reference must have one value for each of {u.size} samples, got {r.size}")
+    r = None if given.reference is None else reference_of(given.reference, u.size)
     result = run_online(request, u, y, reference=r, t=stamps, structures=structures)
     result = result.without_rest(given.rest)
     return replace(result, model=result.model.of_log(given.input_name, given.output_name, given.source, given.sha256))
