@@ -196,8 +196,7 @@ def solve_with(
     solution = solve_record(structures, ready, names, begins_of)
     if ready.outside is None or solution is None:
         return ready, solution, findings
-    row, found, _ = solution
-    answers = answering(row, found.point)
+    answers = answering(solution.row, solution.found.point)
     # an input that moves with a reference, but does not respond to disturbances, is external: it is an instrument
     if not answers[ready.outside.is_moved].all():
         ready, findings = with_outside(ready, references, names, answers)

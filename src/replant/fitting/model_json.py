@@ -124,7 +124,8 @@ def check_consistent(read: dict[str, Any], model: ModelFields | RowFields) -> No
     plants, single = _plants(model)[1], isinstance(model, ModelFields)
     for name in ("num", "den"):
         given = [read.get(name)] if single else _items(read, name, len(plants))
-        if not all(same(each, getattr(g, name)) for each, g in zip(given, plants, strict=True)):
+        pairs = [(each, getattr(g, name)) for each, g in zip(given, plants, strict=True)]
+        if not all(_is_vector(each, own.size) and np.array_equal(_array(each), own) for each, own in pairs):
             raise ModelFileError(f"'{name}' contradicts 'parameters': change both, or neither")
     if ([real(read, "delay")] if single else read.get("delay")) != [g.delay for g in plants]:
         raise ModelFileError("'delay' contradicts 'structure': change both, or neither")
@@ -307,11 +308,6 @@ def matrix_of(read: Any, size: int) -> FloatArray | None:
 def _is_vector(read: Any, size: int | None = None) -> bool:
     fits = isinstance(read, list) and (len(read) == size or size is None)
     return fits and all(isinstance(value, float | int) and not isinstance(value, bool) for value in read)
-
-
-def same(read: Any, expected: FloatArray) -> bool:
-    """Return whether a list holds these numbers."""
-    return _is_vector(read, expected.size) and np.array_equal(_array(read), expected)
 
 
 def noise_of(read: Any) -> NoiseModel | None:

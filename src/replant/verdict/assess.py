@@ -269,8 +269,7 @@ def _missing(kept: RecentSamples) -> int:
 
 def earlier_estimate(state: State, size: int) -> tuple[int, FloatArray]:
     """Return the oldest past estimate (P,) and the samples it has learned; the present one if none is older."""
-    learned, estimate = state.learned, state.theta
-    kept = state.past[: min(state.past_kept, PAST)]
+    learned, estimate, kept = state.learned, state.theta, state.past[: min(state.past_kept, PAST)]
     oldest = kept[np.argmin(kept[:, 0])] if len(kept) else np.array([np.inf])
     if oldest[0] < learned:
         learned, estimate = int(oldest[0]), oldest[1:]
@@ -312,9 +311,9 @@ def assess_sums(state: State, settings: Settings, history: int) -> Assessment:
         findings += movement_findings(float((step[:poles] / sizes).max()), sigmas, span)
     findings += [*rests, Finding("trusted", NOT_CHECKED.format(history))]
     favour = f"run beside the plant, the model fits the output to {fit:.1f} %; its denominator's coefficients have"
-    status, reasons = conclude(findings, f"{favour} standard deviations up to {percent(uncertainty)}")
+    told = conclude(findings, f"{favour} standard deviations up to {percent(uncertainty)}")
     return Assessment(
-        status, reasons, not rests and not found.findings, int(sums.count),
+        *told, not rests and not found.findings, int(sums.count),
         fit=fit, condition=found.condition, movement=sigmas, uncertainty=uncertainty,
     )  # fmt: skip
 
