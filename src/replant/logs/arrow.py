@@ -38,11 +38,6 @@ class RowGroups:
     column: str = ""
     key: str | int | None = None
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether these are all the rows of the file."""
-        return self.groups is None and not self.column
-
     def groups_of(self, file: Any) -> list[int]:
         """Return the numbers of the row groups in an open file."""
         return list(range(file.metadata.num_row_groups) if self.groups is None else self.groups)
@@ -70,7 +65,12 @@ def read_row_groups(parts: Sequence[RowGroups], path: Path | None = None) -> Tab
         if schema is not None and found.names != schema.names:
             raise LogError(f"{part.path}: other columns than in {parts[0].path.name}; parts of one log have equal ones")
         schema = schema or found
-    return _table(path, schema, partial(_blocks, parts), partial(_place_of, parts, lengths), sum(lengths))
+
+    def blocks(columns: Sequence[int]) -> Iterator[Arrays]:
+        origins: list[list[int]] = [[] for _ in columns]  # shared: stamps count from the first row of the first part
+        return chain.from_iterable(_blocks_of(part, columns, origins) for part in parts)
+
+    return _table(path, schema, blocks, partial(_place_of, parts, lengths), sum(lengths))
 
 
 def first_stamp(part: RowGroups, number: int) -> float:
@@ -97,7 +97,7 @@ def _table(path: Path, schema: Any, blocks: Any, describe_row: Any, approximate_
 
 def _place_of(parts: Sequence[RowGroups], lengths: Sequence[int], row: int) -> str:
     """Return the text that locates a row of the table in its file or files."""
-    if all(part.is_whole for part in parts):
+    if all(part.groups is None and not part.column for part in parts):  # whole files
         for part, length in zip(parts, lengths, strict=True):
             if row < length:
                 return f"{part.path.name}, {nth_row(row)}" if len(parts) > 1 else nth_row(row)
@@ -115,11 +115,6 @@ def open_parquet(path: Path) -> Iterator[Any]:
     options = {"pre_buffer": False, "buffer_size": BUFFER_BYTES, "page_checksum_verification": True}
     with damage_as_log_error(path, "Parquet file", _REMEDY), parquet.ParquetFile(path, **options) as file:
         yield file
-
-
-def _blocks(parts: Sequence[RowGroups], columns: Sequence[int]) -> Iterator[Arrays]:
-    origins: list[list[int]] = [[] for _ in columns]  # shared: stamps count from the first row of the first part
-    return chain.from_iterable(_blocks_of(part, columns, origins) for part in parts)
 
 
 def _blocks_of(part: RowGroups, columns: Sequence[int], origins: Sequence[list[int]]) -> Iterator[Arrays]:
@@ -153,9 +148,8 @@ def _with_key(batch: Any, part: RowGroups) -> Any:
     keys = batch.column(part.column)
     if pyarrow.types.is_dictionary(keys.type):
         keys = keys.dictionary_decode()
-    if part.key is None:
-        return batch.filter(keys.is_null())
-    return batch.filter(pyarrow.compute.equal(keys, pyarrow.scalar(part.key, keys.type)))
+    key = part.key
+    return batch.filter(keys.is_null() if key is None else pyarrow.compute.equal(keys, pyarrow.scalar(key, keys.type)))
 
 
 _UNPACKED = 4  # memory for the batches, each of which is held as a whole [times the file]

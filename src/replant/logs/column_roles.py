@@ -125,8 +125,8 @@ def response(u: FloatArray, y: FloatArray) -> Response | None:
     sums = _correlation(now, y[1:])[:longest] - before
     if not sums.size:
         return None
-    # the root mean square bounds the correlation by one
-    lags = _sparse_lags(longest)
+    # the root mean square, at 40 lags and between them by interpolation, bounds the correlation by one
+    lags = np.unique(np.geomspace(1, max(longest, 2), 40).astype(int) - 1)
     spread = np.array([np.sqrt(np.mean((y[1 + lag :] - y[: y.size - 1 - lag]) ** 2)) for lag in lags])
     spread = np.interp(np.arange(longest), lags, spread)
     correlation = sums / np.maximum(float(np.sqrt(now @ now)) * spread * np.sqrt(now.size), np.finfo(float).tiny)
@@ -138,11 +138,6 @@ def response(u: FloatArray, y: FloatArray) -> Response | None:
     fifth, half = _crossing(rising, 0.2), _crossing(rising, 0.5)
     onset = fifth - (half - fifth) * 0.2 / 0.3
     return Response(max(0.0, onset - 1.0), round(half), best, float(np.clip(correlation[best], -1.0, 1.0)))
-
-
-def _sparse_lags(longest: int) -> FloatArray:
-    """Return up to 40 lags, evenly spaced in their logarithm."""
-    return np.unique(np.geomspace(1, max(longest, 2), 40).astype(int) - 1)
 
 
 def _crossing(rising: FloatArray, level: float) -> float:

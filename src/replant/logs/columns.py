@@ -61,7 +61,10 @@ def describe(number: int, name: str, values: FloatArray) -> Column:
     if not known.size:
         return Column(number, name, Kind.EMPTY, int(values.size), missing)
     levels = np.unique(known)
-    step = _smallest_step(levels)
+    with np.errstate(over="ignore"):
+        steps = np.diff(levels)
+    steps = steps[steps > ROUND_OFF * max(abs(float(levels[0])), abs(float(levels[-1])))]
+    step = float(f"{steps.min():.9g}") if steps.size else np.nan
     whole = bool((levels == np.rint(levels)).all())
     kind = Kind.CONSTANT if levels.size == 1 else Kind.WHOLE if whole else Kind.REAL
     held = float((known[1:] == known[:-1]).mean()) if known.size > 1 else 0.0
@@ -69,14 +72,6 @@ def describe(number: int, name: str, values: FloatArray) -> Column:
         number, name, kind, int(values.size), missing, float(levels[0]), float(levels[-1]), int(levels.size), step,
         _on_grid(levels, step), held,
     )  # fmt: skip
-
-
-def _smallest_step(levels: FloatArray) -> float:
-    """Return the smallest difference of sorted values beyond rounding errors; NaN if there is none."""
-    with np.errstate(over="ignore"):
-        steps = np.diff(levels)
-    steps = steps[steps > ROUND_OFF * max(abs(float(levels[0])), abs(float(levels[-1])))]
-    return float(f"{steps.min():.9g}") if steps.size else np.nan
 
 
 def _on_grid(levels: FloatArray, step: float) -> bool:

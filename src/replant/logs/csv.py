@@ -146,20 +146,19 @@ def read(path: Path) -> Table:
         notes.append(f"{path}: the last line is cut off ({quote(cut)}) and left out")
     if layout.delimiter != "," and (layout.mark is None or not layout.mark.certain):
         layout = replace(layout, mark=later_mark(layout.mark, _rows_with_commas(layout), layout.stamps))
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
     table = Table(
         path,
         layout.names,
-        partial(_blocks, layout),
+        lambda columns: (_parse(layout, text, first, columns) for first, text in _texts(layout)),
         partial(_line_of_row, layout),
-        approximate_rows=_approximate_rows(path),
+        # all lines are assumed to be as long as the first ones
+        approximate_rows=path.stat().st_size * max(1, head.count(b"\n")) // max(1, len(head)),
         notes=tuple(notes),
         left_out=left_out,
     )
     return with_stamps(table, layout.stamps)
-
-
-def _blocks(layout: Layout, columns: Sequence[int]) -> Iterator[Arrays]:
-    return (_parse(layout, text, first, columns) for first, text in _texts(layout))
 
 
 def _parse(layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> Arrays:
@@ -171,11 +170,8 @@ def _parse(layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> A
     values = _parse_in_c(layout, decoded, columns)
     if values is not None:
         return values
-    rows = [
-        (number, _split(layout, number, line))
-        for number, line in enumerate(decoded.split("\n"), first)
-        if is_data(line)
-    ]
+    lines = [(number, line) for number, line in enumerate(decoded.split("\n"), first) if is_data(line)]
+    rows = [(number, _split(layout, number, line)) for number, line in lines]
     for number, row in rows:
         if len(row) != len(layout.names):
             _check_width(layout, number, row)
@@ -220,13 +216,6 @@ def _texts(layout: Layout) -> Iterator[tuple[int, bytes]]:
             rest = rest[: 1 + max(rest.rfind(b"\n"), rest.rfind(b"\r"))]
         if rest and not rest.isspace():
             yield first, rest
-
-
-def _approximate_rows(path: Path) -> int:
-    """Return the number of rows, assuming that all lines are as long as the first ones."""
-    with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
-    return path.stat().st_size * max(1, head.count(b"\n")) // max(1, len(head))
 
 
 def _line_of_row(layout: Layout, row: int) -> str:

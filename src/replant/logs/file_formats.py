@@ -107,7 +107,8 @@ def _table_of(path: Path, copy: UnpackedFile) -> Table:
 def _named(copy: Path, path: Path) -> Iterator[None]:
     """Put the user's path in place of the copy's into errors."""
     try:
-        yield
+        with _unreadable_as_log_error(copy):
+            yield
     except (LogError, MissingDependencyError) as error:
         raise type(error)(str(error).replace(str(copy), str(path))) from error
 
@@ -182,11 +183,11 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     path = Path(path)
     if path == STANDARD_INPUT:
         return read_standard_input()
-    if path.suffix.lower() in SUFFIXES and not path.is_dir():
-        with _unreadable_as_log_error(path):
+    with _unreadable_as_log_error(path):
+        if path.suffix.lower() in SUFFIXES and not path.is_dir():
             _check_file(path)
             return read_packed(path)
-    return _read_file(path)
+        return _read_file(path)
 
 
 def _read_file(path: Path) -> Table:
@@ -196,13 +197,12 @@ def _read_file(path: Path) -> Table:
         raise LogError(
             f"{path}: unknown file type {suffix!r}; a log is one of {known}, perhaps with {' '.join(SUFFIXES)}"
         )
-    with _unreadable_as_log_error(path):
-        parts_of = channels.parts_of if suffix == ".mcap" else arrow.parts_of
-        for part in parts_of(path) if path.is_dir() else [path]:
-            _check_file(part)
-        if parser_process.is_apart(FORMATS[suffix]):
-            return parser_process.read(path, FORMATS[suffix])
-        return parser_process.reader(FORMATS[suffix])(path)
+    parts_of = channels.parts_of if suffix == ".mcap" else arrow.parts_of
+    for part in parts_of(path) if path.is_dir() else [path]:
+        _check_file(part)
+    if parser_process.is_apart(FORMATS[suffix]):
+        return parser_process.read(path, FORMATS[suffix])
+    return parser_process.reader(FORMATS[suffix])(path)
 
 
 def _check_file(path: Path) -> None:
@@ -218,13 +218,12 @@ def _check_file(path: Path) -> None:
 
 def _suffix_of_folder(path: Path) -> str:
     """Return the suffix of the parts of a log in a folder."""
-    with _unreadable_as_log_error(path):
-        if channels.parts_of(path):
-            return ".mcap"
-        if arrow.parts_of(path):
-            return ".parquet"
-        if any(part.suffix == ".db3" for part in path.iterdir()):
-            raise LogError(f"{path}: a ROS 2 bag in SQLite; write it as MCAP with: ros2 bag convert")
+    if channels.parts_of(path):
+        return ".mcap"
+    if arrow.parts_of(path):
+        return ".parquet"
+    if any(part.suffix == ".db3" for part in path.iterdir()):
+        raise LogError(f"{path}: a ROS 2 bag in SQLite; write it as MCAP with: ros2 bag convert")
     raise LogError(
         f"{path}: a directory; give the log file inside it, or a folder of Parquet files; `replant fleet` fits a "
         "model to each file"

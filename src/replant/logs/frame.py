@@ -33,8 +33,11 @@ class Frame:
         columns = [frame[label] if by_place is None else by_place[:, k] for k, label in enumerate(self._labels)]
         self.values = [_array(column) for column in columns]
         self.names, index = names, getattr(frame, "index", None)
-        if index is not None and hasattr(index, "name") and _is_clock(index):  # in other libraries `index` is a method
-            names, self.values = [*names, str(index.name or "index")], [*self.values, _array(index)]
+        if index is not None and hasattr(index, "name"):  # in other libraries `index` is a method
+            name, values = str(index.name or ""), _array(index)
+            # an index of whole numbers counts rows unless it has a name of time
+            if _is_dated(values) or time_candidates([name]) or (name and values.dtype.kind == "f"):
+                names, self.values = [*names, name or "index"], [*self.values, values]
         dated = frozenset(number for number, each in enumerate(self.values) if _is_dated(each))
         self.table = Table(NAME, tuple(names), lambda keys: iter([[self._numbers(k) for k in keys]]), in_seconds=dated)
 
@@ -100,12 +103,6 @@ def _array(column: Any) -> Any:
     has_zone = getattr(getattr(column, "dtype", None), "tz", None) is not None
     values = np.asarray(column, "datetime64[ns]" if has_zone else None)
     return np.where(column.isna(), np.nan, values) if values.dtype.kind == "O" and hasattr(column, "isna") else values
-
-
-def _is_clock(index: Any) -> bool:
-    """Return whether an index may be the time; an integer index counts rows unless it has a name of time."""
-    values, name = _array(index), str(index.name or "")
-    return _is_dated(values) or bool(time_candidates([name])) or bool(name and values.dtype.kind == "f")
 
 
 def _is_dated(values: Any) -> bool:

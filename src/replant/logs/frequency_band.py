@@ -16,7 +16,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.logs.log import Log, changed
 from replant.model.preprocess import accepted
-from replant.numerics.arguments import BoolArray, FloatArray, instance, positive
+from replant.numerics.arguments import FloatArray, instance, positive
 
 ORDER = 2  # poles at each edge of the band: the fewest that remove a linear drift [count]
 FORGOTTEN = 0.01  # part of the filter's transient that may remain when outputs count again [number]
@@ -74,7 +74,9 @@ def bandpass(log: Log, low: float | None = None, high: float | None = None) -> L
             f"of the log's {log.duration:.3g} s; the log allows {allowed:.2g} Hz"
         )
     unknown = ~(accepted(log.input)[1] & accepted(log.output)[1])
-    settled = _without_recent_gap(unknown, count) & (np.arange(unknown.size) >= count)
+    gaps = np.cumsum(unknown & np.concatenate([[False], unknown[:-1]]))  # a gap is two missing samples or more
+    recent = gaps - np.concatenate([np.zeros(min(count, gaps.size), gaps.dtype), gaps[:-count]])
+    settled = (recent == 0) & (np.arange(unknown.size) >= count)
     output = _filtered(log.output, sections)
     return changed(log, lambda signal: _filtered(signal, sections), np.where(settled & ~unknown, output, np.nan))
 
@@ -105,13 +107,6 @@ def _memory(sections: Any) -> int:
 
     slowest = float(np.abs(filters.sos2zpk(sections)[1]).max())
     return math.ceil(math.log(FORGOTTEN) / math.log(min(max(slowest, 1e-300), 1.0 - np.finfo(float).epsneg)))
-
-
-def _without_recent_gap(unknown: BoolArray, count: int) -> BoolArray:
-    """Return which samples (K,) have no gap of two or more samples among the past ``count`` samples."""
-    gap = unknown & np.concatenate([[False], unknown[:-1]])
-    past = np.cumsum(gap)
-    return np.asarray(past - np.concatenate([np.zeros(min(count, past.size), past.dtype), past[:-count]]) == 0)
 
 
 def _filtered(signal: FloatArray, sections: Any) -> FloatArray:

@@ -240,21 +240,18 @@ def _unpacked_size(file: Any, length: int) -> int:
 
 def _arrays_in(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the numeric arrays among variables with their names; a field of a struct is ``logs.time``."""
+    variables = {name: each for name, each in contents.items() if name[:2] != "__" and isinstance(each, np.ndarray)}
     for deep in (False, True):  # nested structs are read only if the outer ones hold no signal
-        found = [each for place, held in contents.items() for each in _in_variable(place, held, deep=deep)]
+        found: list[tuple[str, NDArray[Any]]] = []
+        for name, value in variables.items():
+            if value.dtype.names is None:
+                found.append((name, value))
+            elif value.size == 1 and not _is_opaque(value):  # a struct, or an object whose fields SciPy reads
+                found += _in_struct(name, value, deep=deep)
         found = [(name, value) for name, value in found if value.dtype.kind in "biuf"]
         if any(value.size > 1 for _, value in found):
             return iter(found)
     return iter(())
-
-
-def _in_variable(name: str, value: Any, *, deep: bool) -> Iterator[tuple[str, NDArray[Any]]]:
-    if name.startswith("__") or not isinstance(value, np.ndarray):
-        return
-    if value.dtype.names is None:
-        yield name, value
-    elif value.size == 1 and not _is_opaque(value):  # a struct, or an object whose fields SciPy reads
-        yield from _in_struct(name, value, deep=deep)
 
 
 def _in_struct(name: str, value: NDArray[Any], *, deep: bool) -> Iterator[tuple[str, NDArray[Any]]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -31,17 +30,6 @@ _Row = tuple[int, dict[str, Any]]
 _Keys = tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """The columns of a file: the keys of each, outermost first, and the columns that are dates or clock times."""
-
-    path: Path
-    keys: tuple[_Keys, ...]
-    names: tuple[str, ...]
-    stamps: Mapping[int, StampFormat]
-    is_cut: bool
-
-
 def read(path: Path) -> Table:
     """Open JSON lines; columns: keys of the first 1000 objects; cells: numbers, true, false, null (missing), times."""
     cut = _cut_line(path)
@@ -58,17 +46,23 @@ def read(path: Path) -> Table:
             break
     if not given:
         raise LogError(f"{path}: no object with a key; a log has one object for each sample, each on its own line")
-    stamps = {}
-    for number, (keys, values) in enumerate(given.items()):
-        known = [str(value) for value in values if value is not None]
-        if (form := find_format(known, keys[-1])) is not None:
-            stamps[number] = form
-    layout = _Layout(path, tuple(given), tuple(map(".".join, given)), stamps, bool(cut))
+    forms = [
+        find_format([str(value) for value in values if value is not None], keys[-1]) for keys, values in given.items()
+    ]
+    stamps = {number: form for number, form in enumerate(forms) if form is not None}
+    names, most = tuple(map(".".join, given)), max(1, min(BLOCK_ROWS, BLOCK_VALUES // len(given)))
+    columns = [partial(_column, path, keys, form) for keys, form in zip(given, forms, strict=True)]
     notes = (f"{path}: the last line is cut off ({quote(cut)}) and left out",) if cut else ()
-    table = Table(
-        path, layout.names, partial(_blocks, layout), partial(_line_of_row, layout), notes=notes, named_by=named_by
-    )
-    return with_stamps(table, stamps)
+
+    def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
+        rows = _rows(path, is_cut=bool(cut))
+        for block in iter(lambda: list(islice(rows, most)), []):
+            yield [columns[number](block) for number in numbers]
+
+    def line_of_row(row: int) -> str:
+        return f"line {next(islice(_rows(path, is_cut=bool(cut)), row, None))[0]}"
+
+    return with_stamps(Table(path, names, blocks, line_of_row, notes=notes, named_by=named_by), stamps)
 
 
 def _cut_line(path: Path) -> str:
@@ -114,23 +108,15 @@ def _value(row: Mapping[str, Any], keys: Sequence[str]) -> Any:
     return found
 
 
-def _blocks(layout: _Layout, numbers: Sequence[int]) -> Iterator[Arrays]:
-    rows = _rows(layout.path, is_cut=layout.is_cut)
-    most = max(1, min(BLOCK_ROWS, BLOCK_VALUES // len(layout.keys)))
-    for block in iter(lambda: list(islice(rows, most)), []):
-        yield [_column(layout, number, block) for number in numbers]
-
-
-def _column(layout: _Layout, number: int, block: Sequence[_Row]) -> FloatArray:
-    values = [_value(row, layout.keys[number]) for _, row in block]
-    form = layout.stamps.get(number)
+def _column(path: Path, keys: _Keys, form: StampFormat | None, block: Sequence[_Row]) -> FloatArray:
+    values = [_value(row, keys) for _, row in block]
     try:
         if form is None:
             return np.array([_number(at, value) for at, value in enumerate(values)])
         return form.seconds(["" if value is None else str(value) for value in values])
     except CellError as error:
-        line, name = block[error.at][0], layout.names[number]
-        raise LogError(f"{layout.path}: line {line}, column {shown(name)}: {error}") from None
+        name = shown(".".join(keys))
+        raise LogError(f"{path}: line {block[error.at][0]}, column {name}: {error}") from None
 
 
 def _number(at: int, value: Any) -> float:
@@ -139,8 +125,3 @@ def _number(at: int, value: Any) -> float:
     if isinstance(value, int | float):
         return as_float(value)
     raise CellError(at, f"{quote(json.dumps(value))} is not a number; write numbers, or null")
-
-
-def _line_of_row(layout: _Layout, row: int) -> str:
-    number, _ = next(islice(_rows(layout.path, is_cut=layout.is_cut), row, None))
-    return f"line {number}"

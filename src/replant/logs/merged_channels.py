@@ -66,7 +66,9 @@ def merge(output: Signal, held: Sequence[Signal]) -> Merged:
     t, y = output.t[inside], output.values[inside]
     for signal in held:
         added = signal.t[(signal.t > t[0]) & (signal.t < t[-1])] if t.size else signal.t[:0]
-        if np.isin(signal.t[_changes(signal.values)], output.t).all():
+        now, before = signal.values[1:], signal.values[:-1]
+        changes = signal.t[1:][~((now == before) | (np.isnan(now) & np.isnan(before)))]
+        if np.isin(changes, output.t).all():
             added = added[_in_a_pause(added, t)]
         added = np.setdiff1d(added, t)
         t, y = np.concatenate([t, added]), np.concatenate([y, np.full(added.size, np.nan)])
@@ -90,12 +92,6 @@ def _in_a_pause(t: FloatArray, output: FloatArray) -> NDArray[np.bool_]:
     if not steps.size:
         return np.zeros(t.size, np.bool_)
     return np.asarray(steps[np.searchsorted(output, t) - 1] > LOST * np.median(steps))
-
-
-def _changes(values: FloatArray) -> NDArray[np.bool_]:
-    """Return which values differ from the previous one; two missing values are equal."""
-    same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
-    return np.concatenate([np.zeros(min(values.size, 1), np.bool_), ~same])
 
 
 _KEPT = 4  # channels of a table held in memory [count]

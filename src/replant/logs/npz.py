@@ -87,6 +87,10 @@ def table_of_arrays(
             "no numeric array of two samples or more in the file; save the signals as vectors"
         )
         raise LogError(f"{path}: {reason}")
+    stated, dt = scalars[0] if scalars else ("", 1.0)
+    is_one = len({value for _, value in scalars}) == 1  # different ones tell nothing
+    if is_one and not 0.0 < dt < np.inf:
+        raise LogError(f"{path}: {stated} is the sampling time, and must be finite and positive; it is {dt}")
 
     def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
         chosen = [signals[number] for number in numbers]
@@ -104,19 +108,9 @@ def table_of_arrays(
         tuple(signal.name for signal in signals),
         blocks,
         approximate_rows=max(signal.rows for signal in signals),
-        dt=_stated_dt(path, scalars),
+        dt=dt if is_one else None,
         left_out=left_out,
     )
-
-
-def _stated_dt(path: Path, scalars: Sequence[tuple[str, float]]) -> float | None:
-    """Return the sampling time from scalars called Ts; None if there are none or they differ."""
-    if len({value for _, value in scalars}) != 1:
-        return None
-    name, value = scalars[0]
-    if not 0.0 < value < np.inf:
-        raise LogError(f"{path}: {name} is the sampling time, and must be finite and positive; it is {value}")
-    return value
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,8 +27,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import LogError, ReplantError
-from replant.logs.table import Arrays, Table
-from replant.numerics.arguments import FloatArray
+from replant.logs.table import Table
 from replant.numerics.operating_system import end_process, reason_of
 
 MEMORY = 128 << 20  # memory for any file, without the libraries; with them and the caller below 300 MB [bytes]
@@ -120,18 +119,15 @@ def read(path: Path, reader: str) -> Table:
             raise
         idle[:] = [process]
 
-    def stamps(number: int) -> FloatArray:
-        (((found,)),) = answers("stamps", number)
-        return np.asarray(found)
+    def answer(name: str, argument: int) -> Any:
+        (found,) = answers(name, argument)
+        return found
 
-    def describe_row(row: int) -> str:
-        (words,) = answers("describe_row", row)
-        return str(words)
-
-    def blocks(columns: Sequence[int]) -> Iterator[Arrays]:
-        return answers("blocks", list(columns))
-
-    return Table(**{"stamps": stamps} | about, blocks=blocks, describe_row=describe_row)
+    return Table(
+        **{"stamps": lambda number: answer("stamps", number)[0]} | about,
+        blocks=lambda columns: answers("blocks", list(columns)),
+        describe_row=lambda row: answer("describe_row", row),
+    )
 
 
 class _Process:

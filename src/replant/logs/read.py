@@ -113,8 +113,8 @@ def read_log(
     >>> log.dt, log.output
     (0.1, array([0.  , 0.5 , 0.75]))
     """
-    columns: dict[str, Any] = {"input": input, "output": output, "time": time, "reference": reference}
-    columns |= {"dt": dt, "begin": begin, "end": end}
+    columns: dict[str, Any] = {"input": input, "output": output, "time": time, "reference": reference, "dt": dt}
+    columns |= {"begin": begin, "end": end}
     with in_python():
         if is_frame(path):
             return log_of_frame(path, **columns)
@@ -186,7 +186,7 @@ def open_recording(
         (table, roles), step = merged, None
     if begin is not None or end is not None:
         table = part_of(table, *check_range(begin, end), dt=step, time=roles.get("time"))
-    arrays = table.arrays(list(roles.values()), most_held, progress)
+    arrays = table.columns(list(roles.values()), most_held, progress)
     _check_rows(table, roles, arrays)
     if "time" in roles:
         table, arrays = _without_repeats(table, arrays)

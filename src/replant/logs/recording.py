@@ -6,7 +6,6 @@ import hashlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -170,7 +169,8 @@ def joined(tables: Sequence[Table]) -> Table:
             raise LogError(
                 f"{table.path}: other columns than in {first.path.name}; the files of a rig must have equal columns"
             )
-        if table.stamps is not None or _dated(table) != _dated(first) or len(table.origins) < len(table.in_seconds):
+        dated = {table.names[number] for number in table.in_seconds} ^ {first.names[at] for at in first.in_seconds}
+        if table.stamps is not None or dated or len(table.origins) < len(table.in_seconds):
             raise LogError(
                 f"{table.path}: its dates or time stamps are counted from its own first row, so it cannot be joined "
                 f"with {first.path.name}; write the files as Parquet, with whole dates (year-month-day, clock time), "
@@ -178,7 +178,14 @@ def joined(tables: Sequence[Table]) -> Table:
             )
 
     def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
-        return chain.from_iterable(_blocks_of(table, first, numbers) for table in tables)
+        for table in tables:
+            own = [table.names.index(first.names[number]) for number in numbers]
+            later = [  # the dates of every table are counted from the first row of the first one
+                (table.origins[here] - first.origins[number]) / 1e9 if here in table.origins else 0.0
+                for here, number in zip(own, numbers, strict=True)
+            ]
+            for block in table.blocks(own):
+                yield [column + off if off else column for column, off in zip(block, later, strict=True)]
 
     return Table(
         first.path,
@@ -190,19 +197,3 @@ def joined(tables: Sequence[Table]) -> Table:
         approximate_rows=sum(table.approximate_rows for table in tables),
         notes=tuple(note for table in tables for note in table.notes),
     )
-
-
-def _dated(table: Table) -> set[str]:
-    """Return the names of the columns of dates."""
-    return {table.names[number] for number in table.in_seconds}
-
-
-def _blocks_of(table: Table, first: Table, numbers: Sequence[int]) -> Iterator[Arrays]:
-    """Yield the blocks of a table, with its dates counted from the first row of ``first``."""
-    own = [table.names.index(first.names[number]) for number in numbers]
-    later = [
-        (table.origins[here] - first.origins[number]) / 1e9 if here in table.origins else 0.0
-        for here, number in zip(own, numbers, strict=True)
-    ]
-    for block in table.blocks(own):
-        yield [column + off if off else column for column, off in zip(block, later, strict=True)]

@@ -87,7 +87,9 @@ def interval_of(table: Table, number: int, stamps: FloatArray) -> tuple[float, s
     allowed = TOLERANCE * median + (digits if digits < 0.25 * median else 0.0)
     allowed *= 1.001  # the sum of both is often met exactly
     row, step = _first_beyond(stamps, median, allowed if deviation > allowed else TOLERANCE * median)
-    interval = _without_noise(median, max(abs(float(stamps[0])), abs(float(stamps[-1]))))
+    # rounded to the resolution of float64 at the largest stamp
+    noise = 2.0 * math.ulp(max(abs(float(stamps[0])), abs(float(stamps[-1]))))
+    interval = _rounded(median if noise > FINE * median else round(median, math.floor(-math.log10(noise))))
     irregularity = f": irregular time stamps, {step:.6g} after the one before instead of the usual {interval:.6g}"
     return interval, str(table.error(number, irregularity, row))
 
@@ -102,12 +104,6 @@ def _parts(stamps: FloatArray) -> Iterator[tuple[int, FloatArray]]:
 def _rounded(interval: float) -> float:
     """Round an interval to 12 digits: 0.1, not 0.09999999999999999."""
     return float(f"{interval:.12g}")
-
-
-def _without_noise(interval: float, largest: float) -> float:
-    """Round an interval of an irregular clock to the resolution of float64 at stamps up to ``largest``."""
-    noise = 2.0 * math.ulp(largest)
-    return _rounded(interval if noise > FINE * interval else round(interval, math.floor(-math.log10(noise))))
 
 
 def _first_beyond(stamps: FloatArray, median: float, allowed: float) -> tuple[int, float]:

@@ -177,24 +177,20 @@ class Table:
         """Return one column as float64, by name or 0-based number."""
         return self.columns([key])[0]
 
-    def columns(self, keys: Sequence[str | int]) -> Arrays:
-        """Return several columns as float64, by name or 0-based number, in one pass over the file."""
-        return self.arrays(keys, sys.maxsize)
-
-    def arrays(
-        self, keys: Sequence[str | int], most_held: int, progress: Callable[[int, int], None] = lambda rows, about: None
+    def columns(
+        self,
+        keys: Sequence[str | int],
+        most_held: int = sys.maxsize,
+        progress: Callable[[int, int], None] = lambda rows, about: None,
     ) -> Arrays:
         """Return columns, read in one pass: in memory up to ``most_held`` rows, else mapped from temporary files."""
-        columns = [_Growing(self.path) for _ in keys]
+        columns = [_Growing(self.path, most_held) for _ in keys]
         rows = 0
         try:
             for block in self.stream(keys):
                 for column, values in zip(columns, block, strict=True):
                     column.add(values)
                     rows = max(rows, column.rows)
-                if rows > most_held:
-                    for column in columns:
-                        column.to_disk()
                 progress(rows, max(self.approximate_rows, rows))
             return [column.array() for column in columns]
         finally:
@@ -264,29 +260,22 @@ class Table:
 
 
 class _Growing:
-    """A column that grows: in memory, or in a file without a name."""
+    """A column that grows: in memory up to ``most_held`` rows, then in a file without a name."""
 
-    def __init__(self, path: Path) -> None:
-        self.rows, self._path = 0, path
+    def __init__(self, path: Path, most_held: int) -> None:
+        self.rows, self._path, self._most_held = 0, path, most_held
         self._file: Any = io.BytesIO()
 
     def add(self, values: FloatArray) -> None:
         """Append the values of the next rows."""
         self.rows += values.size
-        self._write(np.ascontiguousarray(values, np.float64).data)
-
-    def to_disk(self) -> None:
-        """Keep the column in a file from now on."""
-        if isinstance(self._file, io.BytesIO):
-            held, self._file = self._file, None
-            self._write(held.getbuffer())
-
-    def _write(self, content: memoryview) -> None:
         # /var/tmp is on a disk; /tmp may be in memory
         folder = os.environ.get("TMPDIR") or ("/var/tmp" if os.access("/var/tmp", os.W_OK) else tempfile.gettempdir())
         try:
-            self._file = self._file or tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - see `close`
-            self._file.write(content)
+            if self.rows > self._most_held and isinstance(self._file, io.BytesIO):
+                held, self._file = self._file, tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - see `close`
+                self._file.write(held.getbuffer())
+            self._file.write(np.ascontiguousarray(values, np.float64).data)
             self._file.flush()
         except OSError as error:
             raise LogError(
@@ -302,7 +291,7 @@ class _Growing:
 
     def close(self) -> None:
         """Close the file; a mapped array stays valid."""
-        if self._file is not None and not isinstance(self._file, io.BytesIO):
+        if not isinstance(self._file, io.BytesIO):
             self._file.close()
 
 

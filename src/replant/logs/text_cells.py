@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -153,8 +153,7 @@ def common_mark(marks: Iterable[DecimalMark | None]) -> DecimalMark | None:
     if not found:
         return None
     best = (certain or found)[0]
-    grouped = any(mark.grouped and mark.mark == best.mark for mark in found)
-    return DecimalMark(best.mark, best.line, best.cell, best.certain, grouped)
+    return replace(best, grouped=any(mark.grouped and mark.mark == best.mark for mark in found))
 
 
 def parse_numbers(cells: Sequence[str], mark: DecimalMark | None) -> FloatArray:

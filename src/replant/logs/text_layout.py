@@ -46,11 +46,8 @@ def with_content(layout: Layout, rows: Sequence[tuple[int, Sequence[str]]]) -> L
 
 def _stamps(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[int, StampFormat]:
     """Return the columns of stamps that have a name of time; all columns of stamps if none has."""
-    found = {}
-    for column in range(len(names)):
-        form = find_format([row[column] for row in rows], names[column])
-        if form is not None:
-            found[column] = form
+    forms = [find_format([row[column] for row in rows], name) for column, name in enumerate(names)]
+    found = {column: form for column, form in enumerate(forms) if form is not None}
     dates = [column for column, form in found.items() if form.parts == "d"]
     for column, form in found.items():
         if form.parts == "c" and len(dates) == 1:
@@ -242,7 +239,7 @@ def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tup
     """Drop the title: narrower rows above the names, or rows of text above numbers."""
     split = [split_or_none(line, delimiter) or [] for _, line in rows]
     # empty cells at the end do not count: a spreadsheet fills up each line to the widest one
-    widths = [_filled(cells) for cells in split]
+    widths = [max((number for number, cell in enumerate(cells, 1) if cell), default=0) for cells in split]
     usual = Counter(widths).most_common(1)[0][0]
     at = widths.index(usual)
     if at == 0 or len(rows) <= at + 1:
@@ -256,11 +253,6 @@ def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tup
     else:
         is_title = max(widths[:at]) < usual and all(name[:1].isalpha() for name in split[at])
     return rows[at:] if is_title else rows
-
-
-def _filled(cells: Sequence[str]) -> int:
-    """Return the number of cells up to the last one that is not empty."""
-    return max((number for number, cell in enumerate(cells, 1) if cell), default=0)
 
 
 def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Sequence[str]]) -> bool:

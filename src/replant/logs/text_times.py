@@ -68,11 +68,6 @@ class StampFormat:
         certain = self.month_first is not None or self.first.day == self.first.month
         return self.first.nanoseconds if "d" in self.parts and certain else None
 
-    @property
-    def is_local(self) -> bool:
-        """Whether the clock is local, so that daylight saving time may shift it."""
-        return "c" in self.parts and "z" not in self.parts
-
     def seconds(self, cells: Iterable[str]) -> FloatArray:
         """Return the seconds since the first stamp, from whole nanoseconds; a missing cell is NaN."""
         return np.fromiter((self._seconds_of(at, cell) for at, cell in enumerate(cells)), np.float64)
@@ -181,9 +176,17 @@ def find_format(cells: Sequence[str], name: str = "") -> StampFormat | None:
     given = [cell for cell in cells if not is_missing(cell)]
     stated = _STATED.search(name)
     in_minutes = stated is not None and stated["minutes"] is not None
-    if not any(_stamps_in(given[:1], is_month, in_minutes=in_minutes) for is_month in (False, True)):
+
+    def stamps_in(cells: Sequence[str], month_first: bool) -> list[Stamp]:
+        stamps = []
+        for cell in cells:
+            with suppress(ValueError):
+                stamps.append(parse_stamp(cell, month_first, in_minutes=in_minutes))
+        return stamps
+
+    if not (stamps_in(given[:1], False) or stamps_in(given[:1], True)):
         return None
-    ways = [_stamps_in(given, is_month, in_minutes=in_minutes) for is_month in (False, True)]
+    ways = stamps_in(given, False), stamps_in(given, True)
     month_first = len(ways[1]) > len(ways[0])
     stamps = ways[month_first]
     if 2 * len(stamps) < len(given):
@@ -191,15 +194,6 @@ def find_format(cells: Sequence[str], name: str = "") -> StampFormat | None:
     certain = not stamps[0].day or any(max(stamp.day, stamp.month) > 12 for stamp in stamps)
     doubt = _DOUBT.format(quote(given[0])) if stated is None and all(map(_TWO.fullmatch, map(str.strip, given))) else ""
     return StampFormat(stamps[0].parts, month_first if certain else None, stamps[0], in_minutes=in_minutes, doubt=doubt)
-
-
-def _stamps_in(cells: Sequence[str], month_first: bool, *, in_minutes: bool) -> list[Stamp]:
-    """Return the time stamps among cells."""
-    stamps = []
-    for cell in cells:
-        with suppress(ValueError):
-            stamps.append(parse_stamp(cell, month_first, in_minutes=in_minutes))
-    return stamps
 
 
 _HOUR = 3600.0  # shift of a clock by daylight saving time [s]
@@ -216,10 +210,11 @@ def with_stamps(table: Table, forms: Mapping[int, StampFormat]) -> Table:
     """Return a table whose columns of dates and clock times are in seconds; clocks without a date run over midnight."""
 
     def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
+        stamped = {at: (number, forms[number]) for at, number in enumerate(numbers) if number in forms}
         clocks = {
-            at: _LocalClock(table, number, forms[number])
-            for at, number in enumerate(numbers)
-            if number in forms and forms[number].is_local
+            at: _LocalClock(table, number, form)
+            for at, (number, form) in stamped.items()
+            if "c" in form.parts and "z" not in form.parts  # daylight saving time may shift it
         }
         for block in table.blocks(numbers):
             yield [clocks[at].unwrapped(part) if at in clocks else part for at, part in enumerate(block)]

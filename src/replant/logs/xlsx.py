@@ -25,6 +25,7 @@ _SAMPLE_ROWS = 100  # rows of data from which dates in text are recognized [rows
 _EPOCH = datetime(1970, 1, 1)
 
 _Row = Sequence[Any]
+_VALUES = int | float | date | time | timedelta
 MOST_ROWS = 1 << 20  # most rows of a sheet: Excel's limit [rows]
 MOST_SHEETS = 1000  # most sheets of a workbook [count]
 _COUNTED = 1 << 10  # cells between two requests for memory [cells]
@@ -79,7 +80,7 @@ def _table_in(path: Path, sheet: Any) -> Table | None:
     head = list(islice(rows, _HEADER_ROWS + _NEXT_ROWS))
     for number, row in enumerate(head[:_HEADER_ROWS]):
         columns = tuple(at for at, cell in enumerate(row) if isinstance(cell, str) and cell.strip())
-        if not columns or any(map(_is_value, row)):
+        if not columns or any(isinstance(cell, _VALUES) for cell in row):
             continue
         names = tuple(" ".join(row[at].split()) for at in columns)
         first = number + 1
@@ -88,7 +89,7 @@ def _table_in(path: Path, sheet: Any) -> Table | None:
             names, first = with_units(names, units), first + 1
         below = [_cells_at(head, at, columns) for at in range(first, first + _NEXT_ROWS)]
         begins = (next((cell for cell in cells if cell is not None), None) for cells in zip(*below, strict=True))
-        numbers = sum(map(_is_value, begins))
+        numbers = sum(isinstance(cell, _VALUES) for cell in begins)
         if numbers > 1 or numbers == len(columns):
             return _table(path, str(sheet.title), names, first + 1, _columns(chain(head[first:], rows), columns))
     return None
@@ -141,10 +142,6 @@ def _columns(rows: Iterator[_Row], chosen: Sequence[int]) -> list[_Cells]:
 def _cells_at(rows: Sequence[_Row], number: int, columns: Sequence[int]) -> list[Any]:
     row = rows[number] if number < len(rows) else ()
     return [row[at] if at < len(row) else None for at in columns]
-
-
-def _is_value(cell: Any) -> bool:
-    return isinstance(cell, int | float | date | time | timedelta)
 
 
 def _text(cell: Any) -> str:

@@ -150,7 +150,7 @@ class Samples:
             if not progress(rows, about):
                 raise CancelledError
 
-        arrays = table.arrays(wanted, 0, told)
+        arrays = table.columns(wanted, 0, told)
         if not any(values.size for values in arrays):
             raise LogError(f"{self.path}: there are no rows; record the log again")
         for number, values in zip(wanted, arrays, strict=True):
