@@ -99,6 +99,15 @@ def test_a_number_called_ts_is_the_sampling_time(tmp_path: Path) -> None:
     assert read_log(path, input="rig/u", output="rig/y", dt=2.0).dt == 2.0
 
 
+@pytest.mark.parametrize(("unit", "dt"), [("ms", 0.25), (b"[s]", 250.0), ("min", 15_000.0), ("Hz", None)])
+def test_a_sampling_time_has_the_unit_of_its_attribute(tmp_path: Path, unit: str | bytes, dt: float | None) -> None:
+    """It is left out if the unit is unknown."""
+    path = save(tmp_path / "log.h5", rig__u=T, rig__y=T, rig__Ts=250)
+    with h5py.File(path, "a") as file:
+        file["rig/Ts"].attrs["units"] = unit
+    assert read_columns(path).dt == dt
+
+
 # --- MATLAB v7.3
 
 

@@ -112,7 +112,8 @@ def _with_unit(name: str, dataset: Any) -> str:
     """Return the name of a data set with the unit that its attribute states, of netCDF as in "days since 1970"."""
     given = [dataset.attrs[key] for key in dataset.attrs if key.lower() in ("unit", "units")]
     texts = [text.decode(errors="replace") if isinstance(text, bytes) else text for text in np.ravel(given[:1])]
-    unit = _UNIT.match(texts[0]) if dataset.size > 1 and texts and isinstance(texts[0], str) else None
+    is_column = dataset.size > 1 or is_sampling_time(name, dataset)
+    unit = _UNIT.match(texts[0]) if is_column and texts and isinstance(texts[0], str) else None
     return name if unit is None else with_units([name], [unit[1]])[0]
 
 

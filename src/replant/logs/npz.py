@@ -16,10 +16,12 @@ from numpy.lib import format as npy
 
 from replant.errors import LogError
 from replant.logs.parser_process import allow
+from replant.logs.sampling_time import unit_of_stamps
 from replant.logs.table import Arrays, Table, UnpackedFile, at_most, chunks_of, damage_as_log_error, open_zip
+from replant.model.interop import without_unit
 from replant.numerics.arguments import FloatArray
 
-SAMPLING_TIME = "Ts"  # name of a scalar, perhaps in a struct, that is the sampling time in s
+SAMPLING_TIME = "Ts"  # name of a scalar, perhaps in a struct, that is the sampling time, in s without a unit
 BLOCK_ROWS = 1 << 16  # rows read at a time [rows]
 _SUFFIX = ".npy"
 
@@ -55,8 +57,8 @@ def signals_in(name: str, array: Any) -> Iterator[Signal]:
 
 
 def is_sampling_time(name: str, array: Any) -> bool:
-    """Return whether an array is a single number called Ts."""
-    own = name.replace("/", ".").rpartition(".")[2].partition("{")[0]  # Ts{2}: in a cell
+    """Return whether an array is a single number called Ts, perhaps with a unit."""
+    own = without_unit(name).replace("/", ".").rpartition(".")[2].partition("{")[0]  # Ts{2}: in a cell
     return own == SAMPLING_TIME and array.dtype.kind in "iuf" and int(np.prod(array.shape)) == 1
 
 
@@ -76,8 +78,8 @@ def table_of_arrays(
     def each() -> Iterator[Signal]:
         for name, array in found:
             yield from signals_in(name, array)
-            if is_sampling_time(name, array):
-                (value,) = Signal(name, array, (0,) * len(array.shape), 1).values(slice(1))
+            if is_sampling_time(name, array) and not (unit := unit_of_stamps(name, np.empty(0))).refused:
+                (value,) = Signal(name, array, (0,) * len(array.shape), 1).values(slice(1)) * unit.seconds
                 scalars.append((name, float(value)))
 
     with guard():
