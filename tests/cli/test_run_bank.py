@@ -72,6 +72,7 @@ def test_a_person_reads_the_weights_before_the_result(capsys: pytest.CaptureFixt
         (("-p", "1:2", "--zeros", "5"), "fewer than --poles"),
         (("-p", "1:2", "--feedthrough"), "--feedthrough"),
         (("-p", "1,2"), "name the others"),
+        (("-p", "1:30"), "poles must be at most 10, got 30"),
     ],
     ids=str,
 )
