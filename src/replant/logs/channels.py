@@ -105,7 +105,7 @@ def read_tdms(path: Path) -> Table:
     if not channels:
         raise LogError(f"{path}: no channel of numbers in the file; choose another file")
     if len(clocks) == len(channels):
-        starts = [_nanoseconds(start) for start, _, _ in clocks if start is not None]
+        starts = [start for start, _, _ in clocks if start is not None]
         origin = min(starts) if len(starts) == len(clocks) else None
         read = [partial(_signal_of_tdms, path, *each, origin) for each in zip(places, clocks, strict=True)]
         return channel_table(path, list(zip(names, read, strict=True)))
@@ -124,23 +124,21 @@ def _opened_of_tdms(path: Path) -> Iterator[Any]:
         yield file
 
 
-def _clock(channel: Any) -> tuple[Any, float, float] | None:
-    """Return start time (or None), offset and increment of a waveform; None if the channel is not a waveform."""
+def _clock(channel: Any) -> tuple[int | None, float, float] | None:
+    """Return start time in ns (or None), offset and increment in s of a waveform; None if it is none."""
     about = channel.properties
     increment = float(about.get("wf_increment", 0.0))
     if not increment > 0.0 or channel.dtype.kind == "M":
         return None
-    return about.get("wf_start_time"), float(about.get("wf_start_offset", 0.0)), increment
+    start = about.get("wf_start_time")
+    began = None if start is None else int(np.datetime64(start, "ns").astype(np.int64))
+    return began, float(about.get("wf_start_offset", 0.0)), increment
 
 
-def _nanoseconds(start: Any) -> int:
-    return int(np.datetime64(start, "ns").astype(np.int64))
-
-
-def _signal_of_tdms(path: Path, place: _Place, clock: tuple[Any, float, float], origin: int | None) -> Signal:
+def _signal_of_tdms(path: Path, place: _Place, clock: tuple[int | None, float, float], origin: int | None) -> Signal:
     start, offset, increment = clock
     (values,) = _tdms_values(path, [place])
-    begin = offset + (0.0 if origin is None else (_nanoseconds(start) - origin) / 1e9)
+    begin = offset + (0.0 if origin is None or start is None else (start - origin) / 1e9)
     return Signal(np.asarray(begin + increment * np.arange(values.size), np.float64), values)
 
 
