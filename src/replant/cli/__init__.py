@@ -150,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> Any:
     except click.Abort:
         _end("interrupted", code=130)
     except click.ClickException as mistake:
-        _end(f"{_message(mistake)}{_hint(mistake)}")
+        _end(_message(mistake))
     except ReplantError as mistake:
         _end(str(mistake))
     except ImportError as mistake:  # the system may also refuse to load a library
@@ -172,17 +172,13 @@ def _end(message: str, code: int = 2) -> NoReturn:
 
 
 def _message(mistake: click.ClickException) -> str:
-    """Return what is wrong; of an option of another command, which one takes it."""
-    if isinstance(mistake, click.NoSuchOption) and mistake.ctx is not None:
+    """Return what is wrong: of an option of another command, which one takes it; of an unknown word, where help is."""
+    wrong, context = mistake.format_message(), mistake.ctx if isinstance(mistake, click.UsageError) else None
+    if isinstance(mistake, click.NoSuchOption) and context is not None:
         for name in COMMANDS:
-            command = cli.get_command(mistake.ctx, name)
+            command = cli.get_command(context, name)
             if command is not None and any(mistake.option_name in option.opts for option in command.params):
-                return f"{mistake.message.rstrip('.')}; replant {name} takes it."
-    return mistake.format_message()
-
-
-def _hint(mistake: click.ClickException) -> str:
-    """Return where to find help about a missing or unknown option or command; empty for other mistakes."""
+                wrong = f"{mistake.message.rstrip('.')}; replant {name} takes it."
+                break
     unknown = isinstance(mistake, click.MissingParameter | click.NoSuchOption) or "No such command" in mistake.message
-    context = mistake.ctx if isinstance(mistake, click.UsageError) else None
-    return f" See {context.command_path} --help" if unknown and context else ""
+    return f"{wrong} See {context.command_path} --help" if unknown and context else wrong

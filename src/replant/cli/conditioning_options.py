@@ -81,19 +81,13 @@ def _dashed(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
+_OF_STRETCH: dict[str, Any] = {"type": stretch_of, "multiple": True, "metavar": "A:B"}
 stretch_options = group(
     *(
-        click.option(
-            _dashed(name), type=stretch_of, multiple=True, metavar="A:B", help=f"{text}  Repeat it for several."
-        )
+        click.option(_dashed(name), **_OF_STRETCH, help=f"{text}  Repeat it for several.")
         for name, text in STRETCHES.items()
     )
 )
-
-
-def has_stretches(options: dict[str, Any]) -> bool:
-    """Return whether an option names a stretch."""
-    return any(options.get(name) for name in STRETCHES)
 
 
 def stretched(log: Log, options: dict[str, Any]) -> Log:
@@ -162,7 +156,7 @@ condition_options = group(
 
 def is_conditioned(options: dict[str, Any]) -> bool:
     """Return whether the options change the samples, so that the whole log must be in memory."""
-    return bool(_steps(options)) or has_stretches(options) or options.get("x0") == REST
+    return bool(_steps(options)) or any(map(options.get, STRETCHES)) or options.get("x0") == REST
 
 
 def _steps(options: dict[str, Any]) -> dict[str, Any]:
@@ -186,7 +180,7 @@ def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
         with _named(f"{option}, taken before {later}" if later else option):
             log = STEPS[name](log, argument)
         note(_done(name, log, options))
-    log = stretched(log, options) if has_stretches(options) else log
+    log = stretched(log, options) if any(map(options.get, STRETCHES)) else log
     if options.get("x0") == REST:
         with _named(f"--x0 {REST}"):
             log = from_rest(log)

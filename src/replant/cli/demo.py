@@ -95,20 +95,15 @@ def deliver(
                     pictures |= {name: as_element(canvas, name)} if report else {}
                     progress.update(task, description=name, advance=1)
                 if outcome.tables or outcome.actuator:
-                    written += _write_tables(out, text, outcome)
+                    written += [out / "tables.md", out / "tables.json"]
+                    for path, content in zip(written[-2:], (rendering.as_markdown(outcome), f"{text}\n"), strict=True):
+                        path.write_text(content, encoding="utf-8")
                 if report:
                     written.append(write_reproduction(out / "report.html", outcome, pictures, command_line()))
     if json_only:
         click.echo(text)
     else:
         _show(outcome, written)
-
-
-def _write_tables(out: Path, text: str, outcome: Outcome) -> list[Path]:
-    contents = {out / "tables.md": rendering.as_markdown(outcome), out / "tables.json": text + "\n"}
-    for path, content in contents.items():
-        path.write_text(content, encoding="utf-8")
-    return list(contents)
 
 
 def _show(outcome: Outcome, written: Sequence[Path]) -> None:

@@ -37,20 +37,13 @@ from replant.report.log_as_text import print_look
 @click.option("--time", "time_column", metavar="COL", help="Column of time, if known.")
 @JSON
 @path_option("--out", "DIR", "Write a plot of the columns (PNG) here.")
-def look_command(
-    log: Path,
-    input_column: str | None,
-    output_column: str | None,
-    time_column: str | None,
-    as_json: bool,
-    out: Path | None,
-) -> None:
+def look_command(log: Path, as_json: bool, out: Path | None, **columns: Any) -> None:
     """Show what is in LOG (csv, mat, parquet and more), and suggest a command to begin with.
 
     Columns with type, range, missing samples and resolution; the clock; which columns look like input, output and
     reference; and the delay between input and output.  Guesses are marked as such.
     """
-    found = inspect(log, input=input_column, output=output_column, time=time_column)
+    found = inspect(log, **{name.removesuffix("_column"): column for name, column in columns.items()})
     for left_out in found.table.notes:
         note(left_out)
     results.make_folder(out)

@@ -7,7 +7,7 @@ import json
 import math
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,26 +83,24 @@ class Delivery:
             stretches.append((name, model.validate(read(columns | part))))
         return stretches + [(name, validated(model, log, columns)) for name, log in by_name(self.other_logs)]
 
-    def save(self, model: Model | RowModel | MatrixModel) -> None:
-        """Write a model into the file that was asked for; called once the model is printed, as a disk may be full."""
+    def finish(
+        self,
+        model: Model | RowModel | MatrixModel,
+        verdicts: Sequence[tuple[str, Verdict]],
+        validations: Sequence[tuple[str, Validation]],
+        step: NextStep | None,
+        write: Callable[[Path], list[Path]],
+    ) -> None:
+        """Save a model that was printed, ``write`` plots and a report into the folder, and say what to do next."""
         if self.saved is not None:
             model.save(self.saved)
-            self.print_written([self.saved])
-
-    def print_written(self, paths: Sequence[Path]) -> None:
-        """Print the files that were written, unless standard output is JSON."""
-        if not self.as_json:
-            print_written(paths)
-
-    def print_step(self, step: NextStep | None) -> None:
-        """Print what to do next, unless standard output is JSON."""
+            print_written([] if self.as_json else [self.saved])
+        if self.out is not None:
+            with write_errors_reported(self.out):
+                paths = write(self.out)
+            print_written([] if self.as_json else paths)
         if step is not None and not self.as_json:
             click.echo(f"\nNext: {step.words}:\n{step.command}")
-
-    def check_required(
-        self, verdicts: Sequence[tuple[str, Verdict]], validations: Sequence[tuple[str, Validation]]
-    ) -> None:
-        """Exit with code 3 where a model or a validation has not the verdict that was asked for."""
         of_logs = [(f"validation on {name}", each.verdict) for name, each in validations]
         check_required(self.required, [*verdicts, *of_logs])
 
@@ -176,7 +174,14 @@ def deliver(
     """
     result = dataclasses.replace(result, model=kept(result.model, log))
     validations = to.validated(result.model)
-    step = None if is_given("quiet") or validations else _next(to, result, log, is_searched=tried is not None)
+    step = None
+    if not (is_given("quiet") or validations):
+        if to.saved is not None and result.verdict.status == "trusted":
+            command = shlex.join(["replant", "validate", typed_path(to.saved), OTHER_LOG])
+            step = NextStep("check the model on another log", command)
+        else:
+            path = str(click.get_current_context().params["logs"][0])
+            step = next_step(result, log, path, is_searched=tried is not None)
     if to.as_json:
         structures = {} if tried is None else {"candidates": as_text.candidates_as_json(tried)}
         echo_json(as_text.as_json(result) | structures | more, validations)
@@ -188,23 +193,19 @@ def deliver(
         if result.settings is not None:
             click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
         print_validations(validations)
-    to.save(result.model)
-    if to.out is not None:
+
+    def write(out: Path) -> list[Path]:
         from replant.report.figures import save_figures
         from replant.report.result_page import write_report
 
-        if is_conditioned(click.get_current_context().params):
-            report["python"] = CONDITIONED
-        if tried is not None:
-            report["candidates"] = tried
+        python = {"python": CONDITIONED} if is_conditioned(click.get_current_context().params) else {}
         advice = None if step is None else (step.words, step.command)
+        about = {"candidates": tried, "validations": validations, "advice": advice, "command": command_line()}
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
-        with write_errors_reported(to.out):
-            paths = save_figures(to.out, result, log.input, log.output, log.dt, **names)
-            report |= {"validations": validations, "advice": advice, "command": command_line()}
-            to.print_written([*paths, write_report(to.out / "report.html", result, log, **report)])
-    to.print_step(step)
-    to.check_required([("model", result.verdict)], validations)
+        paths = save_figures(out, result, log.input, log.output, log.dt, **names)
+        return [*paths, write_report(out / "report.html", result, log, **(report | python | about))]
+
+    to.finish(result.model, [("model", result.verdict)], validations, step, write)
 
 
 def echo_json(whole: dict[str, Any], validations: Sequence[tuple[str, Validation]]) -> None:
@@ -224,15 +225,6 @@ def print_written(paths: Sequence[Path]) -> None:
     """Print the files that were written."""
     for path in paths:
         click.echo(f"wrote {path}")
-
-
-def _next(to: Delivery, result: Result, log: Log, *, is_searched: bool) -> NextStep:
-    """Return what to do with the model, as far as the command did not ask for it."""
-    if to.saved is not None and result.verdict.status == "trusted":
-        command = shlex.join(["replant", "validate", typed_path(to.saved), OTHER_LOG])
-        return NextStep("check the model on another log", command)
-    path = str(click.get_current_context().params["logs"][0])
-    return next_step(result, log, path, is_searched=is_searched)
 
 
 @contextmanager

@@ -256,15 +256,13 @@ def identify_rows(solve: Solver, to: results.Delivery, options: dict[str, Any]) 
         results.print_validations(validations)
         if not (to.saved or validations or is_given("quiet")) and all(row.verdict.status == "trusted" for row in rows):
             # of what was searched for, what was found
-            chosen = {} if several or solved[0].search is None else _orders(rows[0])
-            again_with = again(**chosen, save="model.json", validate=OTHER_LOG)
+            structures = () if several or solved[0].search is None else rows[0].model.structures
+            chosen = {name: ",".join(f"{getattr(each, name):.6g}" for each in structures) for name in STRUCTURE}
+            again_with = again(**(chosen if structures else {}), save="model.json", validate=OTHER_LOG)
             step = NextStep("keep the model; check it on another log", again_with)
-    to.save(MatrixFit(tuple(rows)).model if several else rows[0].model)
-    if to.out is not None:
-        to.print_written(_reported(to.out, solved, records, validations))
-    to.print_step(step)
     verdicts = [(f"model of {row.model.output_name}" if several else "model", row.verdict) for row in rows]
-    to.check_required(verdicts, validations)
+    made_of_all = MatrixFit(tuple(rows)).model if several else rows[0].model
+    to.finish(made_of_all, verdicts, validations, step, lambda out: _reported(out, solved, records, validations))
 
 
 def _print_rows(solved: Sequence[Solved], records: Sequence[list[Log]]) -> None:
@@ -277,17 +275,7 @@ def _print_rows(solved: Sequence[Solved], records: Sequence[list[Log]]) -> None:
         as_text.print_row(console, row.model, record=as_text.record_line(samples, logs[0].dt, seconds))
 
 
-def _orders(row: RowFit) -> dict[str, object]:
-    """Return the options that ask for the structure of a row."""
-    return {name: ",".join(f"{getattr(each, name):.6g}" for each in row.model.structures) for name in STRUCTURE}
-
-
-def _reported(
-    out: Path,
-    solved: Sequence[Solved],
-    records: Sequence[list[Log]],
-    validations: Sequence[tuple[str, Validation]],
-) -> list[Path]:
+def _reported(out: Path, solved: Sequence[Solved], records: Sequence[list[Log]], validations: Any) -> list[Path]:
     """Write the pictures and the report; return their paths."""
     from replant.report.matrix_page import Output, save_figures, write_rows
     from replant.report.result_page import candidates_of
@@ -296,13 +284,10 @@ def _reported(
     if is_conditioned(click.get_current_context().params):
         python = results.CONDITIONED
     shown = [Output(each.row, as_one(logs)) for each, logs in zip(solved, records, strict=True)]
-    searches = [each.search for each in solved if each.search is not None]
-    with results.write_errors_reported(out):
-        paths = save_figures(out, shown)
-        tried = "".join(map(candidates_of, searches))
-        more: dict[str, Any] = {"validations": validations, "candidates": tried}
-        report = write_rows(out / "report.html", shown, command=command_line(), python=python, **more)
-    return [*paths, report]
+    tried = "".join(candidates_of(each.search) for each in solved if each.search is not None)
+    paths = save_figures(out, shown)
+    more: dict[str, Any] = {"validations": validations, "candidates": tried}
+    return [*paths, write_rows(out / "report.html", shown, command=command_line(), python=python, **more)]
 
 
 def as_one(logs: list[Log]) -> Log:
