@@ -18,7 +18,7 @@ ROWS = [line.split("|")[1].strip() for line in (ROOT / "docs" / "verdict.md").re
 
 
 PACKAGE = ROOT / "src" / "replant"
-OTHERS = ("fitting/other_causes", "fitting/structure_evidence", "fitting/miso_solve", "online/miso_newest_samples")
+OTHERS = ("fitting/other_causes", "fitting/structure_evidence", "fitting/miso_solve", "online/running_model")
 SOURCES = [*sorted((PACKAGE / "verdict").glob("*.py")), *(PACKAGE / f"{name}.py" for name in OTHERS)]
 ADVICE = {"ADVICE", "ALIKE", "MOVED_UP", "REMEDY", "TOO_EARLY"}  # constants that stand within reasons
 UNKNOWN = "@"  # a figure, or words that are made elsewhere

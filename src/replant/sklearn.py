@@ -156,28 +156,21 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         else:
             u, y = self._checked_record(X, y, 1, reset=False)
         ident.update_many(u, y)
-        if self._has_row:
-            return self._adopt_row(ident)
-        self._recent = np.concatenate([self._recent, np.column_stack([u, y])])[-RECENT:]
+        if not self._has_row:
+            self._recent = np.concatenate([self._recent, np.column_stack([u, y])])[-RECENT:]
         return self._adopt(ident)
 
     @quiet
-    def _adopt_row(self, ident: RowIdentifier) -> Self:
-        """Use the model of an identifier of several inputs; before it has one, use the output's mean as the offset."""
-        if not ident.has_model:
-            ident = ident.clone()
-            ident.finish()
-        if ident.has_model:
-            return self._use_row(ident.model)
-        (u, y), std = ident.recent, np.full(ident.parameters.size, np.nan)
-        return self._use(ident.transfer_functions, ident.parameters, std, (u.mean(axis=0), float(y.mean())))
-
-    @quiet
-    def _adopt(self, ident: Identifier) -> Self:
+    def _adopt(self, ident: Identifier | RowIdentifier) -> Self:
         """Use the identifier's model; during its start-up, use the model that it would start with now."""
-        if ident.settings is None:
+        if not (ident.has_model if isinstance(ident, RowIdentifier) else ident.settings):
             ident = ident.clone()
             ident.finish()
+        if isinstance(ident, RowIdentifier):
+            if ident.has_model:
+                return self._use_row(ident.model)
+            (u, y), std = ident.recent, np.full(ident.parameters.size, np.nan)  # the output's mean is the offset
+            return self._use(ident.transfer_functions, ident.parameters, std, (u.mean(axis=0), float(y.mean())))
         u, y = self._recent.T
         input_offset = float(ident.settings.preprocess.input_offset) if ident.settings else float(u.mean())
         run = simulate(ident.transfer_function, u - input_offset, y, ident.dt)

@@ -17,7 +17,7 @@ import pytest
 import replant as rp
 from replant.errors import DamagedCheckpointError, SystemRefusedError
 from replant.online import second_process
-from replant.online.catch_up import CatchUp
+from replant.online.background import CatchUp
 from support.waiting import PATIENCE, wait_until
 
 DT = 0.1

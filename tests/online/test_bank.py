@@ -290,7 +290,7 @@ def _data() -> bytes:
     ids=str,
 )  # fmt: skip
 def test_a_forged_checkpoint_is_refused(forged: dict[str, Any]) -> None:
-    from replant.online.checkpoint.bank import restored
+    from replant.online.checkpoint.bank_and_row import restored_bank
     from replant.online.checkpoint.encoding import ARRAYS, BANK, decode
 
     data = _data()
@@ -298,11 +298,11 @@ def test_a_forged_checkpoint_is_refused(forged: dict[str, Any]) -> None:
     found[BANK] |= forged
     found[BANK].pop("adapts", None) if not forged else None
     with pytest.raises(rp.DamagedCheckpointError):
-        restored(found, rp.Identifier.from_bytes)
+        restored_bank(found, rp.Identifier.from_bytes)
     found = decode(data).attributes
     found[ARRAYS]["orders"][0] = LAGS + 1
     with pytest.raises(rp.DamagedCheckpointError, match="weights"):
-        restored(found, rp.Identifier.from_bytes)
+        restored_bank(found, rp.Identifier.from_bytes)
 
 
 @every(

@@ -34,7 +34,7 @@ def saved_twice(folder: Path) -> Path:
     """Return a file saved after 10 samples, then after 20."""
     file = folder / "rig.checkpoint"
     for samples in (10, 20):
-        saving.save(file, run(samples), {"sequence": samples})
+        run(samples).save(file, {"sequence": samples})
     return file
 
 

@@ -17,8 +17,8 @@ from replant.estimation.simulation.miso import evaluate
 from replant.estimation.solver.miso_steps import start
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import chi2_quantile, compose
+from replant.online.checkpoint.bank_and_row import row_parts
 from replant.online.checkpoint.encoding import ROW, encode_other
-from replant.online.checkpoint.miso import parts_of
 from replant.online.miso_step import RowStep
 from support.cases import every
 from support.rows import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
@@ -225,7 +225,7 @@ def test_a_checkpoint_goes_on_to_the_bit(tmp_path: Path) -> None:
 def test_an_alarm_that_cannot_be_is_damage(name: str, wrong: float) -> None:
     ident = begun()
     ident.update_many(*record(5, 600))
-    plain, arrays = parts_of(ident._now)
+    plain, arrays = row_parts(ident._now)
     changed = arrays[name].copy()
     changed[-1] = wrong
     with pytest.raises(rp.DamagedCheckpointError, match="not valid"):

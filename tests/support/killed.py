@@ -28,7 +28,7 @@ LONGEST = 0.02  # s from the first saving to the kill: some savings later
 def save_until_killed(file: Path, ident: rp.Identifier, u: np.ndarray, y: np.ndarray, ready: int) -> None:
     for k in range(ident.samples, u.size):
         ident.update(u[k], y[k])
-        saving.save(file, ident, {"sequence": k + 1})
+        ident.save(file, {"sequence": k + 1})
         if ready:
             os.write(ready, b"!")
             os.close(ready)

@@ -21,7 +21,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.robust import joined, stretches_of
 from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
-from replant.online.running_model import NewestSamples, model_of, newest_of_row, newest_run, newest_samples
+from replant.online.running_model import NewestSamples, model_of, newest_run, newest_samples
 from replant.plotting.diagrams import with_conjugates
 from replant.plotting.numbers import mapped_label, true_parameters
 from replant.plotting.over_time import thin
@@ -186,7 +186,7 @@ def _seen(identifier: Identifier, finite: bool, at: float, signals: Signals) -> 
 
 def _seen_row(identifier: RowIdentifier, finite: bool, signals: Signals) -> _Seen:
     found, labels = identifier.fit_of_newest() if finite else None, identifier.request.input_names
-    newest, models = newest_of_row(identifier, found), identifier.transfer_functions
+    newest, models = identifier.newest_samples(found), identifier.transfer_functions
     branches = tuple(zip(labels, identifier.structures, models, identifier.uncertainty, strict=True))
     if found is None:
         return branches, newest, np.full(newest.output.size, np.nan), math.nan, identifier.assess(), {}

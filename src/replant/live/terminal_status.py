@@ -22,7 +22,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.robust import stretches_of
 from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
-from replant.online.running_model import model_of, newest_of_row, newest_run, newest_samples
+from replant.online.running_model import model_of, newest_run, newest_samples
 from replant.online.runs.result import Clock, History, Result
 from replant.plotting.numbers import fraction, grouped, with_std
 from replant.report.findings import colour_of, without_reasons, words_of
@@ -184,7 +184,7 @@ def _write_row(path: Path, identifier: RowIdentifier, view: View) -> None:
     found = identifier.fit_of_newest()
     if found is None:
         raise ReplantError("there is no model to report on yet")
-    newest, names = newest_of_row(identifier, found), identifier.request.input_names
+    newest, names = identifier.newest_samples(found), identifier.request.input_names
     first, *more = newest.input.T
     log = Log(
         first, newest.output, identifier.dt, np.cumsum(newest.intervals) - newest.intervals[0], names[0],

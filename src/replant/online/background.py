@@ -27,12 +27,15 @@ from typing import Any
 
 import numpy as np
 
-from replant.estimation.engine.state import NOTHING, State
+from replant.estimation.engine.state import NOTHING, REGULAR, State, Step, bound, check, step_kernels
 from replant.estimation.settings import Settings
-from replant.kernels.schema import STATE_ARRAYS
-from replant.numerics.arguments import FloatArray
+from replant.kernels.native import Kernel, library
+from replant.kernels.schema import BELIEVED, INPUT, OUTPUT, REFERENCE, STATE_ARRAYS, STEP, Doubt
+from replant.kernels.slot_tables import Real, Slot
+from replant.numerics.arguments import FloatArray, IntArray
 from replant.online import second_process
-from replant.online.catch_up import CatchUp
+from replant.online.begin_recursion import REJECTED
+from replant.online.change_response import note_alarm
 from replant.online.revision import revise
 
 PART = 0.05  # delay of a result: small beside that by which a growing record is solved again [part of the record]
@@ -41,6 +44,15 @@ SLICE = 512  # raw samples copied in one update: some 10 us [samples]
 LEARNED = 9  # samples learned again in one update: some 10 us [samples]
 LOOK = 2e-4  # time between two checks for a result that is waited for [s]
 
+#: Slots that a new state copies from the one that took the samples meanwhile: counters and clock, and the
+#: preprocessing, which is not applied again to samples from the ring.
+MEANWHILE: tuple[Slot[Any], ...] = (
+    *(*REJECTED, State.last_time, State.earlier_stamps, State.earlier_time, State.held_at, State.held_input),
+    *(State.held_output, State.held_time, State.held_reference),
+    *(State.square_input, State.input_offset, State.output_offset),
+)
+IN_REALS = [slot.index for slot in MEANWHILE if isinstance(slot, Real)]
+IN_INTS = [slot.index for slot in MEANWHILE if not isinstance(slot, Real)]
 #: Slots that `revise` may write without a change of the estimate.
 PLANNED = State.look_at, State.trusted_at, State.undecided
 NUMBERS = STATE_ARRAYS[:-1]  # the arrays of a state except the raw samples
@@ -70,7 +82,7 @@ def outcome(state: State, settings: Settings, due: int, most: int) -> Outcome:
         setattr(before, slot.name, getattr(after, slot.name))
     same = all(one.tobytes() == other.tobytes() for one, other in zip(before.arrays, after.arrays, strict=True))
     kept = after.recent[np.arange(after.samples - count, after.samples) % len(after.recent)]
-    return Outcome(State(after.ints, after.reals, after.banks, after.buffer, kept), same, due)
+    return Outcome(state_of(after.arrays[:-1], kept), same, due)
 
 
 class Schedule:
@@ -102,7 +114,7 @@ class Job:
         self.numbers = numbers  # the state at that count, without raw samples
         self.place: second_process.Place | None = None  # the memory shared with the second Python
         self._rows, self._fits, self._written = rows, False, 0
-        self._sent: tuple[second_process.Worker, second_process.Place] | None = None
+        self._sent: second_process.Worker | None = None  # the second Python, once it has it
         self._numbers: list[Any] = []
         self._found: Outcome | None = None
         self._ahead: CatchUp | None = None
@@ -148,7 +160,7 @@ class Job:
         else:
             buffer[0] = second_process.PENDING
             worker.send(self.place)
-            self._sent = worker, self.place
+            self._sent = worker
             return False
         self._written += 1  # last, so that an interrupted step is repeated
         return True
@@ -183,12 +195,11 @@ class Job:
         """Wait for the result if the second Python computes it; return whether it was late, or will not come."""
         if self._found is not None:
             return False
-        if self._sent is None or not self._sent[1].is_mine:
+        if self._sent is None or self.place is None or not self.place.is_mine:
             self._sent = None
             return True
-        worker, place = self._sent
-        is_late = place.buffer[0] == second_process.PENDING
-        while place.buffer[0] == second_process.PENDING and worker.lives():
+        is_late = self.place.is_busy
+        while self.place.is_busy and self._sent.lives():
             time.sleep(LOOK)
         return is_late
 
@@ -203,12 +214,13 @@ class Job:
 
     @property
     def _is_there(self) -> bool:
-        return self._sent is not None and self._sent[1].is_mine and self._sent[1].buffer[0] == second_process.DONE
+        place = None if self._sent is None else self.place
+        return place is not None and place.is_mine and place.buffer[0] == second_process.DONE
 
     def _receive(self) -> None:
         """Read the next part of the result: an array of its numbers, or last the two numbers that go with them."""
-        assert self._sent is not None
-        buffer, shapes, there = self._sent[1].buffer, self.schedule.shapes, len(self._numbers)
+        assert self.place is not None
+        buffer, shapes, there = self.place.buffer, self.schedule.shapes, len(self._numbers)
         if there + 1 < len(shapes):
             self._numbers.append(second_process.view_of(buffer, shapes, there + 1).copy())
         else:
@@ -219,8 +231,8 @@ class Job:
         """Return the raw samples of a result; a view of shared memory must be dropped soon, so that this can close."""
         if found is not self._found:
             return found.state.recent
-        assert self._sent is not None
-        rows: FloatArray = second_process.view_of(self._sent[1].buffer, self.schedule.shapes, 0)
+        assert self.place is not None
+        rows: FloatArray = second_process.view_of(self.place.buffer, self.schedule.shapes, 0)
         return rows
 
     def _raw(self, state: State, begin: int, end: int) -> FloatArray:
@@ -250,6 +262,72 @@ def _whole(numbers: Sequence[Any], rows: FloatArray, room: int) -> State:
     state.recent[np.arange(state.samples - len(rows), state.samples) % room] = rows
     state.recent_size, state.recent_head = room, state.samples % room
     return state
+
+
+class CatchUp:
+    """A new state that learns the samples since it was found, some in each update; its ring is ``spare`` if it fits.
+
+    The arithmetic is sequential: the bits do not depend on how many samples are learned at once, and when.
+    """
+
+    def __init__(self, found: State, spare: FloatArray, *, regular: bool) -> None:
+        self.regular, self._spare = regular, spare  # regular: without time stamps
+        self.kernels: tuple[Kernel, Kernel] | None = None  # for single samples and for many; None: not chosen yet
+        self.bound: tuple[Step, IntArray] | None = None  # kernel for single samples, bound to the state, and its gate
+        self._begun, self._copied, self._learned = found.samples, 0, 0
+        self._table, self._is_awake = bytearray(), False
+        self.state = state_of([array.copy() for array in found.arrays[:-1]], NOTHING)
+
+    def go_on(self, kept: FloatArray, old: State, settings: Settings, rows: int, samples: int) -> None:
+        """Do the next step: copy some of the raw samples ``kept``, bind the kernel, or learn some samples since."""
+        new = self.state
+        if new.recent is NOTHING:
+            self._make_ring(old)
+        elif self._copied < len(kept):
+            some, first = kept[self._copied : self._copied + rows], self._begun - len(kept) + self._copied
+            new.recent[np.arange(first, first + len(some)) % len(new.recent)] = some
+            self._copied += len(some)
+        elif self.kernels is None:
+            check(new)
+            self.kernels = step_kernels(new, regular=self.regular)
+        elif not self._table:
+            self._table = library().table(self.kernels[0].name, new.arrays)
+        elif self.bound is None:
+            self.bound = bound(new, self._table, settings.preprocess)
+        else:
+            self._learn(old, settings, samples if self._is_awake else 0)
+            self._is_awake = True
+
+    def finish(self, kept: FloatArray, old: State, settings: Settings) -> None:
+        """Learn all samples that ``old``, which this state replaces, has taken."""
+        while self.state.recent is NOTHING or self._copied < len(kept):
+            self.go_on(kept, old, settings, len(kept), 0)
+        self._learn(old, settings, old.samples)
+        self.state.reals[IN_REALS], self.state.ints[IN_INTS] = old.reals[IN_REALS], old.ints[IN_INTS]
+
+    def _make_ring(self, old: State) -> None:
+        # allocating or freeing a large ring takes longer than a sample at 1 kHz; the older samples in the spare one are
+        # overwritten by newer ones
+        new, ring = self.state, self._spare if self._spare.shape == old.recent.shape else np.zeros(old.recent.shape)
+        new.recent, new.recent_size, new.recent_head = ring, len(ring), self._begun % len(ring)
+        new.attention_at, new.square_input, new.input_offset, new.output_offset = 0, False, 0.0, 0.0
+
+    def _learn(self, old: State, settings: Settings, samples: int) -> None:
+        new, first = self.state, self._begun + self._learned
+        again = np.take(old.recent, np.arange(first, min(first + samples, old.samples)), axis=0, mode="wrap").T.copy()
+        u, y = again[INPUT], again[OUTPUT]
+        if old.examines_output:
+            y[again[-2 if old.has_reference else -1] == Doubt.MISSING] = math.nan
+        stamps = REGULAR if self.regular else np.cumsum(np.append(new.last_time, again[STEP]))[1:]
+        r = again[REFERENCE] if old.has_reference else NOTHING
+        _, steps = self.kernels or step_kernels(new, regular=self.regular)
+        taken, errors = 0, np.empty(u.size)
+        while taken < u.size:
+            new.attention, new.held_at = False, BELIEVED  # leaps among them have been accepted before
+            rest = u[taken:], y[taken:], stamps[taken:], r[taken:]
+            taken += steps(*new.arrays, *rest, errors[taken:], np.empty((u.size - taken, 0)))
+            note_alarm(new, settings)
+        self._learned += taken
 
 
 def prepare() -> None:

@@ -13,15 +13,13 @@ from replant.estimation.engine.dimensions import RECENT
 from replant.fitting.structure_evidence import numbers_of
 from replant.numerics.arguments import FloatArray, record
 from replant.numerics.levels import ALPHA
-from replant.online.bank_members import Members
-from replant.online.bank_weights import EVENTS, Lead, Weights
+from replant.online.bank_weights import EVENTS, Lead, Members, Weights
 from replant.online.change_response import AGAIN
 from replant.online.locking import Turn, changes, reads
 from replant.online.trace import BankTrace, Trace
 
 if TYPE_CHECKING:
     from replant.online.checkpoint.encoding import Progress
-    from replant.online.checkpoint.files import AnyPath
 
 # the work of a call to a member is then some ten times its overhead
 LOOKED = 512  # samples between two checks of the weights [samples]
@@ -58,6 +56,7 @@ class Bank(Members):
     one if none is trusted.  It is chosen each time that the record has grown by half, later every 5000 samples, and
     when another member has become ten thousand times as probable as the most probable one before, which is checked
     every 512 samples; in between it stays.  A sample that no member explains is an outlier, and changes no weight.
+    While the bank is frozen the lead stays, weights still change, and members without a model take no part.
 
     References
     ----------
@@ -106,46 +105,25 @@ class Bank(Members):
         for member in self._members:
             member.reset()
 
-    @reads
-    def clone(self) -> Bank:
-        """Return an independent copy in the same state."""
-        return self._with([member.clone() for member in self._members], self._state)
-
-    __copy__ = clone
-
     def __deepcopy__(self, memo: Any) -> Bank:
-        return self.clone()
+        (made := object.__new__(Bank)).__setstate__(self.__getstate__())
+        return made
 
     @reads
     def __getstate__(self) -> dict[str, Any]:
-        return {"_members": tuple(member.clone() for member in self._members)} | self._state
+        self._count_held()
+        members = tuple(member.clone() for member in self._members)
+        return vars(self) | {"_members": members, "_held": [], "_turn": None}
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         self.__dict__.update(attributes | {"_turn": Turn()})
 
-    @property
-    def _state(self) -> dict[str, Any]:
-        """The bank's attributes except its members; none is changed in place."""
+    def _encoded(self, progress: Progress | None) -> bytes:
+        from replant.online.checkpoint.bank_and_row import bank_parts
+        from replant.online.checkpoint.encoding import BANK, encode_other
+
         self._count_held()
-        return {name: value for name, value in vars(self).items() if name not in ("_turn", "_members")} | {"_held": []}
-
-    @classmethod
-    def _with(cls, members: Sequence[Any], state: dict[str, Any]) -> Bank:
-        (made := cls.__new__(cls)).__setstate__({"_members": tuple(members)} | state)
-        return made
-
-    def save(self, path: AnyPath, progress: Progress | None = None) -> None:
-        """Save the whole state to a file, from which `replant.load` continues to the bit; see `Identifier.save`."""
-        from replant.online.checkpoint.files import write
-
-        write(path, self.to_bytes(progress))
-
-    @reads
-    def to_bytes(self, progress: Progress | None = None) -> bytes:
-        """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes."""
-        from replant.online.checkpoint.bank import bytes_of
-
-        return bytes_of([member.to_bytes() for member in self._members], self._state, progress)
+        return encode_other(BANK, *bank_parts([member.to_bytes() for member in self._members], vars(self)), progress)
 
     def _enter(self) -> None:
         """Let the members take the rest of an interrupted chunk; the predictions for it are lost."""
@@ -298,31 +276,9 @@ class Bank(Members):
         likeliest = weights.likeliest(self._likeliest)
         vars(self).update(_weights=weights, _likeliest=likeliest, **self._chosen(weights))
 
-    @changes
-    def freeze(self) -> None:
-        """Stop adapting: estimates and lead stay, weights still change; members without a model take no part.
-
-        Raises
-        ------
-        InvalidArgumentError
-            During start-up, when there is no estimate yet.
-        """
-        self._members[self._lead].freeze()
-        self._adapt(False)
-
-    @changes
-    def resume(self) -> None:
-        """Adapt again after `freeze`.
-
-        Raises
-        ------
-        InvalidArgumentError
-            During start-up, when there is no estimate yet.
-        """
-        self._members[self._lead].resume()
-        self._adapt(True)
-
     def _adapt(self, adapt: bool) -> None:
+        lead = self._members[self._lead]
+        (lead.resume if adapt else lead.freeze)()  # raises during its start-up
         self._adapts = adapt
         for member in self._members:
             if member.settings is not None:

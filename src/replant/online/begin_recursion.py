@@ -8,7 +8,7 @@ import numpy as np
 
 from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.record import Record
-from replant.estimation.engine.state import NOTHING, REGULAR, State, step_kernels
+from replant.estimation.engine.state import NOTHING, REASONS, REGULAR, State, step_kernels
 from replant.estimation.settings import Settings
 from replant.estimation.simulation.auxiliary_model import stability_margin
 from replant.estimation.solver.refined_estimate import Refined
@@ -23,6 +23,9 @@ SHORTEST_MEMORY = 100  # least samples of constant input before it rests, if an 
 # the memory is then ten start-ups
 FORGETS = 0.1  # forgetting per sample, times the start-up's length, up to which it counts as none [ratio]
 ROOM = 1e6  # largest growth of variances by forgetting: nothing is known then [variances of the start-up]
+
+#: Slots that count the samples which no state learns.
+REJECTED = [slot for slot in REASONS.values() if slot not in (State.outliers, State.stuck, State.no_output)]
 
 
 @quiet
@@ -40,17 +43,12 @@ def initialize(state: State, settings: Settings, refined: Refined, record: Recor
     if settings.optimizer.keeps_covariance:
         state.rests_with_input = True
         _write_covariance(state, settings, refined, rate)
-    if state.coloured:
-        _write_colour(state, settings, refined, rate)
-        if state.path_size:
-            _write_path(state, settings, refined, rate)
-    if state.has_noise_model:
-        _write_noise(state, refined, settings.scaling.output)
+    _write_residual(state, settings, refined, rate)
     if state.has_reference and refined.reference is not None:
         state.reference.reals[:] = refined.reference.reals
-    if not settings.optimizer.keeps_colour and settings.optimizer.keeps_covariance:
-        _write_tracking(state, settings, refined, record)
     if settings.optimizer.keeps_covariance:
+        if not settings.optimizer.keeps_colour:
+            _write_tracking(state, settings, refined, record)
         state.rest_after = _memory(state, settings)
 
 
@@ -122,32 +120,27 @@ def _write_monitoring(state: State, settings: Settings, refined: Refined, record
     state.cusum_limit = outliers.LIMIT if state.refined else 0.0  # a fixed filter's error is no output error
 
 
-def _write_colour(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
-    """Write power and colour of the start-up's residual, for scaled signals."""
-    size, scale, source, colour = state.entries, settings.scaling.output, refined.colour, state.colour
-    sigma = state.sigma / rate
-    colour.count, colour.power, colour.position = source.count, source.power / scale**2, source.position
-    colour.model[:] = source.model
-    colour.covariances[:], colour.errors[:] = source.covariances / scale**2, source.errors / scale
-    colour.filtered[:] = source.filtered[:, :size] / sigma
-    colour.squares[:] = source.squares[:size, :size] / np.outer(sigma, sigma)
-
-
-def _write_noise(state: State, refined: Refined, scale: float) -> None:
-    """Write the start-up's noise model, for the scaled output; its rows are filled as the filters warm up."""
-    source, noise = refined.noise, state.noise
-    noise.order, noise.filters, noise.gain, noise.count = source.order, source.filters, source.gain, source.count
-    noise.models[:], noise.variances[:] = source.models, source.variances / scale**2
-    noise.sums[:] = source.sums / scale**2
-
-
-def _write_path(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
-    """Write the path of the start-up's estimate, in scaled parameters."""
-    sigma, source, path, kept = state.sigma / rate, refined.path, state.path, int(refined.path.kept)
-    path.step, path.due, path.kept = source.step, source.due, kept
-    rows, scale = source.rows[:, :, : state.entries], settings.scaling.output
-    path.rows[:kept, 0], path.rows[:kept, 1] = rows[:kept, 0] / sigma / scale, rows[:kept, 1] * sigma**2
-    path.rows[kept, 0] = rows[kept, 0] * sigma / scale
+def _write_residual(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
+    """Write power and colour of the start-up's residual, the path of its estimate and its noise model, all scaled."""
+    size, scale, sigma = state.entries, settings.scaling.output, state.sigma / rate
+    if state.coloured:
+        colour, of_colour = state.colour, refined.colour
+        colour.count, colour.power, colour.position = of_colour.count, of_colour.power / scale**2, of_colour.position
+        colour.model[:] = of_colour.model
+        colour.covariances[:], colour.errors[:] = of_colour.covariances / scale**2, of_colour.errors / scale
+        colour.filtered[:] = of_colour.filtered[:, :size] / sigma
+        colour.squares[:] = of_colour.squares[:size, :size] / np.outer(sigma, sigma)
+    if state.coloured and state.path_size:
+        path, of_path, kept = state.path, refined.path, int(refined.path.kept)
+        path.step, path.due, path.kept, rows = of_path.step, of_path.due, kept, of_path.rows[:, :, :size]
+        path.rows[:kept, 0], path.rows[:kept, 1] = rows[:kept, 0] / sigma / scale, rows[:kept, 1] * sigma**2
+        path.rows[kept, 0] = rows[kept, 0] * sigma / scale
+    if state.has_noise_model:  # its rows are filled as the filters warm up
+        noise, of_noise = state.noise, refined.noise
+        noise.order, noise.filters = of_noise.order, of_noise.filters
+        noise.gain, noise.count = of_noise.gain, of_noise.count
+        noise.models[:], noise.variances[:] = of_noise.models, of_noise.variances / scale**2
+        noise.sums[:] = of_noise.sums / scale**2
 
 
 def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
@@ -222,9 +215,8 @@ def carry_over(old: State, new: State) -> None:
     """Copy to a new state what outlasts the estimate: counters, clock, raw samples, past estimates, ``adapt``."""
     new.take_over(
         old,
-        *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.refused, State.rested),
-        *(State.time_leaps, State.too_coarse, State.input_leaps, State.no_output, State.no_reference),
-        *(State.outliers, State.stuck, State.gaps, State.gap_at, State.adapt, State.drawn, State.samples),
+        *(*REASONS.values(), State.refused, State.rested),
+        *(State.gaps, State.gap_at, State.adapt, State.drawn, State.samples),
         *(State.past_kept, State.past_due, State.recent_head, State.alarm, State.look_at),
         *(State.change, State.undecided, State.change_price, State.changed_at, State.before_began),
     )

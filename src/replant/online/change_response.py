@@ -41,13 +41,14 @@ BEGINS = -0.25, 0.0, 0.25  # begin of the change relative to that of the alarm [
 AGAIN = 1.5  # growth of a record, or of the part since an alarm or change, after which it is solved again [ratio]
 
 
-@quiet
-def first_look(state: State, settings: Settings) -> int:
-    """Mark an alarm as being examined; return the accepted samples of the first look; 0: never, as too few are kept."""
-    state.alarm = Alarm.RESTS  # nothing is learned until the look, or without one until the residual is as usual again
-    if not tells_of_changes(state, settings):
-        return 0
-    return max(_began(state) + least_since(settings.structure), state.samples + 1)
+def note_alarm(state: State, settings: Settings) -> None:
+    """Plan the first look into an alarm that was raised; 0: never, as too few samples are kept."""
+    if state.alarm != Alarm.RAISED:
+        return
+    first = max(_began(state) + least_since(settings.structure), state.samples + 1)
+    state.look_at, state.trusted_at = first if tells_of_changes(state, settings) else 0, 0
+    # nothing is learned until the look, or without one until the residual is as usual again
+    state.alarm = Alarm.RESTS  # last, so that an interrupted call is repeated
 
 
 @quiet
@@ -218,9 +219,10 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
         return None
     of_plant, again = found.supposition is Supposition.PLANT, begin <= old.changed_at
     # the samples before those that one G(s) is assumed to explain
-    before = old.changed_at if old.change.is_of_plant else old.record_began
-    before = one_plant_before(old) if again else before
-    gap = gap_before(old) if again else old.gap_at
+    before, gap = old.changed_at if old.change.is_of_plant else old.record_began, old.gap_at
+    if again:
+        before = old.before_began if old.change is Supposition.PLANT else old.record_began
+        gap = gap_before(old)
     new = restart(old, settings, refined, contest.since, begin if of_plant else before)
     new.change, new.changed_at = found.supposition, begin
     # no one model explains the samples on both sides of a load
@@ -267,11 +269,6 @@ def behind_loads(old: State, settings: Settings, parted: Solution) -> State | No
     if new is not None:
         note_doubts(new, parted)
     return new
-
-
-def one_plant_before(state: State) -> int:
-    """Return the accepted samples before those until the last change that one G(s) is assumed to explain."""
-    return state.before_began if state.change is Supposition.PLANT else state.record_began
 
 
 def gap_before(state: State) -> int:

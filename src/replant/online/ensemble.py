@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -26,15 +26,16 @@ from replant.online.ensemble_members import (
     lane_of,
     may_join,
 )
+from replant.online.estimate import Adapting
 from replant.online.identifier import Identifier
-from replant.online.locking import Shared, Turn, changes, reads
+from replant.online.locking import Turn, changes, reads
 from replant.online.trace import Trace
 
 OBJECT = 2048  # approximate memory of an identifier in addition to its arrays [numbers of eight bytes]
 MOST_JOBS = 2**31  # processors that may be left free [count]
 
 
-class Ensemble(Shared):
+class Ensemble(Adapting):
     """Step M identifiers at once: on M streams, or on one stream with M settings.
 
     Each member gives the result of a single identifier, to the bit: it has its own start-up, rejected samples and
@@ -205,34 +206,9 @@ class Ensemble(Shared):
         return tuple(Trace(self.names, *one) for one in zip(start, parameters, each, strict=True))
 
     @changes
-    def freeze(self) -> None:
-        """Stop adapting all members; see `Identifier.freeze`.
-
-        Raises
-        ------
-        InvalidArgumentError
-            While a member is still starting.
-        """
-        self._adapt(False)
-
-    @changes
-    def resume(self) -> None:
-        """Adapt all members again after `freeze`.
-
-        Raises
-        ------
-        InvalidArgumentError
-            While a member is still starting.
-        """
-        self._adapt(True)
-
-    @changes
     def reset(self) -> None:
         """Forget every sample and begin again with all members."""
-        members = [member._draft() for member in self._members]
-        for member in members:
-            member._begin_again()
-        vars(self).update(_members=members, _blocks=[], _before=[0] * len(self), _taken=0)
+        self._on_drafts(Identifier._begin_again, _before=[0] * len(self), _taken=0)
 
     @reads
     def member(self, number: int) -> Identifier:
@@ -302,10 +278,14 @@ class Ensemble(Shared):
             raise InvalidArgumentError(
                 "freezing needs a model, and some members still collect the samples for their first: try again later"
             )
+        self._on_drafts(lambda member: member._adapt_draft(adapt))
+
+    def _on_drafts(self, work: Callable[[Identifier], None], **more: Any) -> None:
+        """Let all members do some work as one: an interrupt leaves those before."""
         members = [member._draft() for member in self._members]
         for member in members:
-            member._adapt(adapt)
-        vars(self).update(_members=members, _blocks=[])
+            work(member)
+        vars(self).update(_members=members, _blocks=[], **more)
 
     def _run(self, u: FloatArray, y: FloatArray, size: int, helpers: Sequence[Helper]) -> tuple[FloatArray, FloatArray]:
         """Take a chunk; return errors (K, M) and the first ``size`` parameters (M, K, size) after each sample."""

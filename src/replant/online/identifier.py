@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Sequence
 from inspect import Signature, signature
@@ -49,7 +48,6 @@ PIECE = 8192  # updates of the estimate after which Ctrl-C is handled while a ch
 
 if TYPE_CHECKING:
     from replant.online.checkpoint.encoding import Progress
-    from replant.online.checkpoint.files import AnyPath
 
 
 class Identifier(Lifecycle):
@@ -155,7 +153,7 @@ class Identifier(Lifecycle):
             raise ArgumentTypeError(f"Identifier takes structure and dt without their names, got {len(args)} values")
         if cls is Identifier and isinstance(structure, list | tuple):
             from replant.online.bank import Bank
-            from replant.online.bank_members import asked_for
+            from replant.online.bank_weights import asked_for
 
             more = given | dict(zip(("dt",), args[1:], strict=False))
             return Bank([Identifier(**each) for each in asked_for(structure, more)])
@@ -207,52 +205,6 @@ class Identifier(Lifecycle):
         """Forget every sample and begin again; settings left at "auto" are chosen anew."""
         self._as_one(Identifier._begin_again)
 
-    def clone(self) -> Identifier:
-        """Return an independent copy in the same state."""
-        return copy.deepcopy(self)
-
-    __copy__ = clone
-
-    def save(self, path: AnyPath, progress: Progress | None = None) -> None:
-        """Save the whole state to a file, from which `replant.load` continues to the bit.
-
-        The file is replaced atomically; the one before is kept as ``path`` + ".previous".
-
-        Parameters
-        ----------
-        path : path
-        progress : dict, optional
-            Values of int, float and str that `replant.online.saving.load` returns, such as the position in a source.
-
-        Raises
-        ------
-        CheckpointError
-            If the file cannot be written; the existing one stays.
-        InvalidArgumentError
-            If something cannot be saved, such as an ``input_map`` that is a function.
-        """
-        from replant.online.checkpoint.files import write
-
-        write(path, self.to_bytes(progress))
-
-    @reads
-    def to_bytes(self, progress: Progress | None = None) -> bytes:
-        """Return the whole state as bytes for `from_bytes`; equal states give equal bytes.  See `save`.
-
-        Parameters
-        ----------
-        progress : dict, optional
-            As in `save`.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If something cannot be saved, such as an ``input_map`` that is a function.
-        """
-        from replant.online.checkpoint.encoding import encode
-
-        return encode(vars(self), progress)
-
     @classmethod
     def from_bytes(cls, data: bytes) -> Identifier:
         """Return the identifier from the bytes of `to_bytes`.
@@ -269,24 +221,13 @@ class Identifier(Lifecycle):
         """
         from replant.online.checkpoint.encoding import decode
 
-        made: Identifier = cls._of(decode(data).attributes)
+        made: Identifier = restored(decode(data).attributes)
         return made
 
-    @classmethod
-    def _of(cls, attributes: dict[str, Any]) -> Any:
-        from replant.online.checkpoint.encoding import BANK, ROW
-        from replant.online.checkpoint.miso import restored as row
+    def _encoded(self, progress: Progress | None) -> bytes:
+        from replant.online.checkpoint.encoding import encode
 
-        if BANK in attributes:
-            from replant.online.bank import Bank
-            from replant.online.checkpoint.bank import restored as bank
-
-            return Bank._with(*bank(attributes, cls.from_bytes))
-
-        if ROW in attributes:
-            return RowIdentifier._with(row(attributes))
-        (restored := cls.__new__(cls)).__setstate__(attributes)
-        return restored
+        return encode(vars(self), progress)
 
     @reads
     def __getstate__(self) -> dict[str, Any]:
@@ -462,27 +403,8 @@ class Identifier(Lifecycle):
         """
         self._as_one(Identifier._finish)
 
-    @changes
-    def freeze(self) -> None:
-        """Stop adapting: the filters still take samples, the estimate does not change.
-
-        Raises
-        ------
-        InvalidArgumentError
-            During start-up, when there is no estimate yet.
-        """
-        self._as_one(Identifier._adapt, False)
-
-    @changes
-    def resume(self) -> None:
-        """Adapt again after `freeze`.
-
-        Raises
-        ------
-        InvalidArgumentError
-            During start-up, when there is no estimate yet.
-        """
-        self._as_one(Identifier._adapt, True)
+    def _adapt(self, adapt: bool) -> None:
+        self._as_one(Identifier._adapt_draft, adapt)
 
     def _stamp(self, t: Any) -> float:
         """Return a time stamp for the kernel; one that is not finite becomes infinite, which the kernel rejects."""
@@ -527,6 +449,22 @@ class Identifier(Lifecycle):
             raise InvalidArgumentError(NO_USE_OF_REFERENCE)
         if self.samples or any(self.rejected.values()):
             raise InvalidArgumentError("the samples before came without r: give it with every sample, or with none")
+
+
+def restored(attributes: dict[str, Any]) -> Any:
+    """Return an identifier of any kind with the content of a checkpoint."""
+    from replant.online.checkpoint.bank_and_row import restored_bank, restored_row
+    from replant.online.checkpoint.encoding import BANK, ROW
+
+    kind: type[Any] = Identifier
+    if BANK in attributes:
+        from replant.online.bank import Bank
+
+        kind, attributes = Bank, restored_bank(attributes, Identifier.from_bytes)
+    elif ROW in attributes:
+        kind, attributes = RowIdentifier, {"_now": restored_row(attributes)}
+    (made := object.__new__(kind)).__setstate__(attributes)
+    return made
 
 
 def _is_default(name: str, value: Any) -> bool:

@@ -8,7 +8,6 @@ from typing import Any, NoReturn, Self, TypeVar
 
 import numpy as np
 
-from replant.errors import InvalidArgumentError
 from replant.estimation.engine.dimensions import collects_at_most
 from replant.estimation.engine.state import NOTHING, State, Step, step_kernels
 from replant.estimation.settings import LONGEST_STARTUP
@@ -16,9 +15,8 @@ from replant.kernels.native import OPEN, SHUT, Kernel
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.online import background, second_process
-from replant.online.catch_up import note_alarm
-from replant.online.change_response import look
-from replant.online.estimate import Estimate
+from replant.online.change_response import look, note_alarm
+from replant.online.estimate import Estimate, check_begun
 from replant.online.revision import next_revision, revise, solve_whole
 from replant.online.startup import (
     begin,
@@ -87,11 +85,10 @@ class Lifecycle(Estimate):
             _mapped=callable(self._request.preprocess.input_map),
         )  # fmt: skip
 
-    def _go_on_with(self, state: State) -> State:
-        """Replace the present state, unless it is the same one; return it."""
+    def _go_on_with(self, state: State) -> None:
+        """Replace the present state, unless it is the same one."""
         if state is not self._state:
             self._work_on(state, regular=self._regular)
-        return state
 
     def _but(self, **own: Any) -> Self:
         """Return a shallow copy with some attributes replaced."""
@@ -351,11 +348,8 @@ class Lifecycle(Estimate):
             self._resolve_at = next_revision(self._state, self._settings, self._most)
         self._plan()
 
-    def _adapt(self, adapt: bool) -> None:
-        if self._settings is None:
-            raise InvalidArgumentError(
-                "freezing needs a model, and the samples for the first one are still being collected: try again later"
-            )
+    def _adapt_draft(self, adapt: bool) -> None:
+        check_begun(self._settings is not None)
         self._drop_job()
         self._state.adapt = adapt
         self._state.change_began, self._state.cusum = self._state.samples, 0.0

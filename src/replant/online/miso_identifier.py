@@ -21,22 +21,22 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, array_of_reals, number, one_of, vector, whole
 from replant.numerics.limits import duration, stamps_of
-from replant.online.locking import Shared, Turn, changes, reads
-from replant.online.miso_newest_samples import NO_COLUMNS, newest_of
-from replant.online.miso_samples import RowSettings, fewest
+from replant.online.estimate import Identification, check_begun
+from replant.online.locking import Turn, changes, reads
+from replant.online.miso_samples import RowSamples, RowSettings, fewest
 from replant.online.miso_state import RowState
 from replant.online.miso_step import Kept, RowStep
+from replant.online.running_model import NO_COLUMNS, NewestSamples, is_regular, newest_of
 from replant.online.trace import Trace
 from replant.verdict.verdict import Verdict
 
 if TYPE_CHECKING:
     from replant.online.checkpoint.encoding import Progress
-    from replant.online.checkpoint.files import AnyPath
 
 PIECE = 8192  # samples after which Ctrl-C is handled while a chunk is taken [samples]
 
 
-class RowIdentifier(Shared):
+class RowIdentifier(Identification):
     r"""Identify a plant of several inputs online; `Identifier` returns it if ``poles`` has an entry for each input.
 
     .. math:: y = \sum_i \frac{B_i(s)}{A_i(s)} e^{-s\,\mathrm{delay}_i} u_i + \mathrm{offset} + \mathrm{noise}
@@ -73,7 +73,8 @@ class RowIdentifier(Shared):
     A sample whose inputs or time are not finite, or larger than 1e150, is rejected; a sample without an output (NaN)
     drives the model, but nothing is learned from it.  When the record is solved again, and for the verdict, outliers
     and outputs of a stuck sensor are left out, as by `fit`; until then an error counts as at most six standard
-    deviations.
+    deviations.  After `freeze` there are no solutions and tests for changes until `reset`: `resume` adapts sample by
+    sample.
 
     Examples
     --------
@@ -122,50 +123,33 @@ class RowIdentifier(Shared):
         self._now = RowState.of(self.request)
 
     @reads
-    def clone(self) -> RowIdentifier:
-        """Return an independent copy in the same state."""
-        now = self._now
-        return self._with(replace(now, kept=now.kept.copy()))
-
-    __copy__ = clone
-
-    def __deepcopy__(self, memo: Any) -> RowIdentifier:
-        return self.clone()
-
     def __getstate__(self) -> dict[str, Any]:
-        return {"_now": self.clone()._now}
+        now = self._now
+        return {"_now": replace(now, kept=now.kept.copy())}
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         self._turn, self._now = Turn(), attributes["_now"]
 
-    @classmethod
-    def _with(cls, state: RowState) -> RowIdentifier:
-        (made := cls.__new__(cls)).__setstate__({"_now": state})
+    def __deepcopy__(self, memo: Any) -> RowIdentifier:
+        (made := object.__new__(RowIdentifier)).__setstate__(self.__getstate__())
         return made
 
     @classmethod
     def of(cls, request: RowSettings) -> RowIdentifier:
         """Return a new identifier with the settings of another one, see `request`."""
-        return cls._with(RowState.of(request))
+        (made := object.__new__(cls)).__setstate__({"_now": RowState.of(request)})
+        return made
 
     @property
     def request(self) -> RowSettings:
         """The settings as they were given, checked."""
         return self._kept.state.settings
 
-    def save(self, path: AnyPath, progress: Progress | None = None) -> None:
-        """Save the whole state to a file, from which `replant.load` continues to the bit; see `Identifier.save`."""
-        from replant.online.checkpoint.files import write
-
-        write(path, self.to_bytes(progress))
-
-    @reads
-    def to_bytes(self, progress: Progress | None = None) -> bytes:
-        """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes."""
+    def _encoded(self, progress: Progress | None) -> bytes:
+        from replant.online.checkpoint.bank_and_row import row_parts
         from replant.online.checkpoint.encoding import ROW, encode_other
-        from replant.online.checkpoint.miso import parts_of
 
-        return encode_other(ROW, *parts_of(self._now), progress)
+        return encode_other(ROW, *row_parts(self._now), progress)
 
     def update(self, u: Any, y: float, t: float | None = None, r: Any = None) -> float:
         """Take one sample; return its a-priori output error, in the unit of y.
@@ -237,20 +221,17 @@ class RowIdentifier(Shared):
         InvalidArgumentError, ArgumentTypeError
             If shapes or types do not fit; the state stays as it was.
         """
-        columns, output, stamps, references = self._checked(u, y, t, r)
-        size = output.size
-        trace = Trace(self.names, self.parameters, np.empty((size, self.request.size)), np.full(size, np.nan), stamps)
+        given = self._checked(u, y, t, r)
+        size = given.y.size
+        trace = Trace(self.names, self.parameters, np.empty((size, self.request.size)), np.full(size, np.nan), given.t)
         taken = 0
         while taken < size:
             some = slice(taken, taken + PIECE)
-            stamped = None if stamps is None else stamps[some]
-            self._now, count = self._now.take(
-                columns[some], output[some], stamped, references[some], trace.errors[some], trace.parameters[some]
-            )
+            self._now, count = self._now.take(given.part(some), trace.errors[some], trace.parameters[some])
             taken += count
         return trace
 
-    def _checked(self, u: Any, y: Any, t: Any, r: Any) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray]:
+    def _checked(self, u: Any, y: Any, t: Any, r: Any) -> RowSamples:
         columns, output, count = array_of_reals("u", u), vector("y", y), len(self.structures)
         if columns.shape != (output.size, count):
             raise InvalidArgumentError(
@@ -267,7 +248,7 @@ class RowIdentifier(Shared):
                 f"give r with every sample, or with none: {self._now.references} references came before, now "
                 f"{references.shape[1]}"
             )
-        return columns, output, None if t is None else stamps_of(t, output.size), references
+        return RowSamples(columns, output, None if t is None else stamps_of(t, output.size), references)
 
     @changes
     def finish(self) -> None:
@@ -286,26 +267,13 @@ class RowIdentifier(Shared):
         elif done.recursion is not None:
             self._now = done
 
-    @changes
-    def freeze(self) -> None:
-        """Stop adapting: the filters still take samples, the estimate does not change.
-
-        Raises
-        ------
-        InvalidArgumentError
-            During start-up, when there is no estimate yet.
-        """
-        if self._kept.state.recursion is None:
-            raise InvalidArgumentError(
-                "freezing needs a model, and the samples for the first one are still being collected: try again later"
-            )
+    def _adapt(self, adapt: bool) -> None:
+        if adapt:
+            self._now = replace(self._now, adapts=True)
+            return
+        check_begun(self._kept.state.recursion is not None)
         # a later solution would learn the samples that come while frozen
         self._now = replace(self._now, adapts=False, solve_at=0, look_at=0)
-
-    @changes
-    def resume(self) -> None:
-        """Adapt again after `freeze`, sample by sample, without solutions and tests for changes until `reset`."""
-        self._now = replace(self._now, adapts=True)
 
     @property
     def structures(self) -> tuple[Structure, ...]:
@@ -326,6 +294,26 @@ class RowIdentifier(Shared):
     def has_model(self) -> bool:
         """Whether there is an estimate."""
         return self._kept.state.recursion is not None
+
+    @property
+    def input_hold(self) -> str:
+        """The inputs between two samples: "zoh" (held) or "foh" (linear)."""
+        return self.request.input_hold
+
+    @property
+    def begins(self) -> tuple[int, ...]:
+        """Accepted samples before the record of the estimate, then before each load that was found in it."""
+        return self._now.record_began, *self._now.loads
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Number of rejected samples by reason; those without an output also count as accepted."""
+        return dict(self._kept.state.rejected)
+
+    @property
+    def adapting(self) -> bool:
+        """Whether the estimate follows the samples, or is frozen."""
+        return self._kept.state.adapts
 
     @property
     def parameters(self) -> FloatArray:
@@ -361,16 +349,6 @@ class RowIdentifier(Shared):
         return None if self._now.recursion is None else self._now.recursion.noise_model
 
     @property
-    def input_hold(self) -> str:
-        """The inputs between two samples: "zoh" (held) or "foh" (linear)."""
-        return self.request.input_hold
-
-    @property
-    def begins(self) -> tuple[int, ...]:
-        """Accepted samples before the record of the estimate, then before each load that was found in it."""
-        return self._now.record_began, *self._now.loads
-
-    @property
     def recent(self) -> tuple[FloatArray, FloatArray]:
         """Inputs (K, q) and outputs (K,) of the newest accepted samples, as many as the verdict uses."""
         values = self._now.newest_rows
@@ -394,20 +372,10 @@ class RowIdentifier(Shared):
         return state.samples + len(since)
 
     @property
-    def rejected(self) -> dict[str, int]:
-        """Number of rejected samples by reason; those without an output also count as accepted."""
-        return dict(self._kept.state.rejected)
-
-    @property
     def taken(self) -> int:
         """Number of samples given so far, with rejected ones: where to continue after an interrupt."""
         state = self._now
         return state.samples + sum(state.rejected.values()) - state.rejected["no output"]
-
-    @property
-    def adapting(self) -> bool:
-        """Whether the estimate follows the samples, or is frozen."""
-        return self._kept.state.adapts
 
     @property
     def status(self) -> str:
@@ -441,9 +409,17 @@ class RowIdentifier(Shared):
         found = newest_of(state, others)
         if found is None:
             return None
+        ready, solution, verdict = found
         made = Provenance("recursive srivc", samples=state.samples)
-        output = state.newest_rows[:, -2]
-        return row_fit(found.solution, found.ready, output, self.dt, found.verdict, made, state.rejected)
+        return row_fit(solution, ready, state.newest_rows[:, -2], self.dt, verdict, made, state.rejected)
+
+    def newest_samples(self, found: RowFit | None) -> NewestSamples:
+        """Return the samples of `recent`, with the first reference; ``found``: their fit, or None."""
+        (u, y), intervals, references = self.recent, self.recent_intervals, self.recent_reference
+        judged = np.isfinite(y)
+        if found is not None:
+            judged[np.concatenate([found.outliers, found.stuck])] = False
+        return NewestSamples(u, y, intervals, references[:, :1].ravel(), judged, is_regular(intervals, self.dt))
 
     def assess(self) -> Verdict:
         """Return the verdict: whether to trust the estimate, and why in plain words.
@@ -453,7 +429,7 @@ class RowIdentifier(Shared):
         state = self._now
         found = newest_of(state)
         if found is not None:
-            return found.verdict
+            return found[-1]
         reason = f"starting: {state.kept.measured} of the {state.solve_at} outputs for the first model"
         if self.has_model:
             reason = "the newest samples have too few outputs"

@@ -97,6 +97,19 @@ class RowClock(NamedTuple):
         return RowClock(shift, earlier, earlier_time), times, fate, held
 
 
+class RowSamples(NamedTuple):
+    """Samples of several inputs."""
+
+    u: FloatArray  # (K, q)
+    y: FloatArray  # (K,)
+    t: FloatArray | None  # (K,): time stamps in s; None without
+    r: FloatArray  # (K, p): p = 0 without references
+
+    def part(self, rows: slice) -> RowSamples:
+        """Return some of the samples."""
+        return RowSamples(self.u[rows], self.y[rows], None if self.t is None else self.t[rows], self.r[rows])
+
+
 class Screened(NamedTuple):
     """The fate of samples (K,)."""
 
@@ -107,11 +120,9 @@ class Screened(NamedTuple):
     turned_away: dict[str, BoolArray]  # samples (K,) counted as rejected, by reason
 
     @classmethod
-    def of(
-        cls, clock: RowClock, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, last: float,
-        dt: float, closest: float,
-    ) -> Screened:  # fmt: skip
+    def of(cls, clock: RowClock, given: RowSamples, last: float, dt: float, closest: float) -> Screened:
         """Screen samples after the time ``last``, -inf before the first; ``closest``: see `RowSettings`."""
+        u, y, t, r = given
         signals = np.column_stack([u, np.where(np.isnan(y), 0.0, y)])
         finite, small = np.isfinite(signals).all(axis=1), (np.abs(signals) <= LARGEST).all(axis=1)
         finite = finite if t is None else finite & np.isfinite(t)

@@ -34,7 +34,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
 from replant.online.miso_recursion import RowRecursion
-from replant.online.miso_samples import REASONS, RowClock, RowHistory, RowSettings, Screened
+from replant.online.miso_samples import REASONS, RowClock, RowHistory, RowSamples, RowSettings, Screened
 from replant.verdict.miso_evidence import unsure, untold
 from replant.verdict.miso_tests import lacking
 from replant.verdict.verdict import Finding
@@ -112,27 +112,22 @@ class RowState:
         return self.kept.values[-min(self.length, RECENT) :]
 
     @quiet
-    def take(
-        self, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, errors: FloatArray,
-        estimates: FloatArray,
-    ) -> tuple[RowState, int]:  # fmt: skip
+    def take(self, given: RowSamples, errors: FloatArray, estimates: FloatArray) -> tuple[RowState, int]:
         """Take samples up to the next solution, test or alarm; return the state after them and their number."""
-        # r is (K, p), p = 0 without references; errors (K,), which are NaN, and estimates (K, P) are written
-        if held := self.clock.held:
-            return self._with_held(held, u, y, t, r, errors, estimates)
-        y = np.where(np.isfinite(r).all(axis=1), y, np.nan)
-        given, is_alarm = (u, y, t, r), False
-        dt, closest, is_first = self.settings.dt, self.closest, self.recursion is None
+        # errors (K,), which are NaN, and estimates (K, P) are written
+        if self.clock.held:
+            return self._with_held(given, errors, estimates)
+        given = given._replace(y=np.where(np.isfinite(given.r).all(axis=1), given.y, np.nan))
+        (u, y, t, r), dt, is_first, is_alarm = given, self.settings.dt, self.recursion is None, False
         last = float(self.kept.values[-1, -1]) if self.samples else -math.inf
-        done = Screened.of(self.clock, u, y, t, r, last, dt, closest)
+        done = Screened.of(self.clock, given, last, dt, self.closest)
         counted = done.is_taken & np.isfinite(y) if is_first else done.is_taken
         is_now = done.is_taken & ~done.is_believed  # one held back is taken with its successor
         before, due = self.kept.measured if is_first else self.samples, self.due
         reached = np.flatnonzero((np.cumsum(counted) >= due - before) & is_now) if due else np.zeros(0, int)
         end = int(reached[0]) + 1 if reached.size else y.size
         if end < y.size:
-            u, y, t, r, is_now = u[:end], y[:end], None if t is None else t[:end], r[:end], is_now[:end]
-            done = Screened.of(self.clock, u, y, t, r, last, dt, closest)
+            return self.take(given.part(slice(end)), errors, estimates)
         rejected = {name: self.rejected[name] + int(each.sum()) for name, each in done.turned_away.items()}
         rows = np.flatnonzero(done.is_taken)
         r = self._held(r[rows])
@@ -151,8 +146,7 @@ class RowState:
             is_alarm = alarm < rows.size and self.look_at > 0
             if is_alarm and (stop := int(rows[alarm] + np.argmax(is_now[rows[alarm] :])) + 1) < end:
                 errors[:] = np.nan
-                u, y, t, r = given
-                return self.take(u[:stop], y[:stop], None if t is None else t[:stop], r[:stop], errors, estimates)
+                return self.take(given.part(slice(stop)), errors, estimates)
             errors[:end][done.is_believed] = np.nan  # nothing was predicted while it waited
             newest = np.maximum.accumulate(np.where(is_now, np.cumsum(done.is_taken) - 1, -1))  # taken by then
             estimates[:end][newest >= 0] = after[newest[newest >= 0]]
@@ -164,19 +158,18 @@ class RowState:
             estimates[end - 1] = new.parameters
         return new, end
 
-    def _with_held(
-        self, held: tuple[float, ...], u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray,
-        errors: FloatArray, estimates: FloatArray,
-    ) -> tuple[RowState, int]:  # fmt: skip
+    def _with_held(self, given: RowSamples, errors: FloatArray, estimates: FloatArray) -> tuple[RowState, int]:
         """Take the sample held back again, with the others after it."""
+        u, y, t, r = given
         assert t is not None, "a sample waits for the next stamp"
-        inputs, row = u.shape[1], np.array(held)
+        inputs, row = u.shape[1], np.array(self.clock.held)
+        given = RowSamples(
+            np.vstack([row[:inputs], u]), np.append(row[-2], y), np.append(row[-1], t), np.vstack([row[inputs:-2], r])
+        )
         all_errors, all_estimates = np.full(1 + y.size, np.nan), np.empty((1 + y.size, self.settings.size))
         rejected = self.rejected | {"time leap": self.rejected["time leap"] - 1}
-        state, end = replace(self, clock=self.clock._replace(held=()), rejected=rejected).take(
-            np.vstack([row[:inputs], u]), np.append(row[-2], y), np.append(row[-1], t), np.vstack([row[inputs:-2], r]),
-            all_errors, all_estimates,
-        )  # fmt: skip
+        before = replace(self, clock=self.clock._replace(held=()), rejected=rejected)
+        state, end = before.take(given, all_errors, all_estimates)
         errors[: end - 1], estimates[: end - 1] = all_errors[1:end], all_estimates[1:end]
         return state, end - 1
 
@@ -185,7 +178,8 @@ class RowState:
         columns = np.array(rows, np.float64)
         errors, estimates = np.full(len(rows), np.nan), np.empty((len(rows), self.settings.size))
         u, y, t = np.ascontiguousarray(columns[:, :-2]), columns[:, -2].copy(), columns[:, -1].copy()
-        return self.take(u, y, t if self.stamped else None, np.empty((len(rows), 0)), errors, estimates)[0]
+        given = RowSamples(u, y, t if self.stamped else None, np.empty((len(rows), 0)))
+        return self.take(given, errors, estimates)[0]
 
     def _held(self, r: FloatArray) -> FloatArray:
         """Return references (K, p) with values that are not finite replaced by the last finite one, at first by 0."""

@@ -34,10 +34,10 @@ from replant.online.change_response import (
     AGAIN,
     behind_loads,
     believed,
-    first_look,
     gap_before,
     is_at_rest,
     look,
+    note_alarm,
     of_whole,
     remembers_all,
     remembers_since_change,
@@ -65,9 +65,7 @@ def revise(state: State, settings: Settings, due: int, most: int) -> tuple[State
     """Return the next state, and the accepted samples at which the record is next examined."""
     samples = state.samples
     state.attention_at, state.attention = 0, False  # samples that are learned again must not stop for attention
-    if state.alarm == Alarm.RAISED:
-        state.look_at = first_look(state, settings)
-        state.trusted_at = 0
+    note_alarm(state, settings)
     if samples == due:
         state = (reconsider(state, settings) if state.changed_at else None) or renew(state, settings) or state
         due = next_revision(state, settings, most)

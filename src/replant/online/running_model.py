@@ -1,22 +1,33 @@
-"""Running model: the `Model` of a running identification, and its newest samples for fits and views."""
+"""Running model: the model and the verdict of a running identification over its newest samples, for fits and views."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.fitted_run import Simulation, fit_percent
+from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate
 from replant.estimation.simulation.model_run import model_output
-from replant.fitting.miso_fit import RowFit
+from replant.estimation.solver.solve import leaving_out
+from replant.fitting.miso_solve import RowEstimate, RowSolution, doubts_of, with_outside
 from replant.fitting.model import Model
 from replant.fitting.model_fields import Provenance, has_rest
+from replant.kernels.schema import Doubt
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.linear_algebra import quiet
 from replant.online.estimate import Estimate
-from replant.online.miso_identifier import RowIdentifier
-from replant.verdict.verdict import Assessment, Verdict
+from replant.online.miso_recursion import RowRecursion
+from replant.online.miso_state import RowState
+from replant.verdict.miso_inputs import controlled, timing
+from replant.verdict.miso_tests import judged, left_out
+from replant.verdict.sensor_and_excitation import FOLLOWED, guard_findings, left_out_finding
+from replant.verdict.verdict import Assessment, Finding, Verdict, duration
+
+NO_COLUMNS: Mapping[str, FloatArray] = {}
 
 # stamps of some 1e9 s have a resolution of 1e-7 s
 IRREGULAR = 1e-6  # deviation of an interval up to which it is rounding [part of the sampling time]
@@ -105,21 +116,62 @@ class NewestSamples:
         return np.where(self.judged, self.output, np.nan)
 
 
+def is_regular(intervals: FloatArray, dt: float) -> bool:
+    """Return whether samples are one sampling time apart, except for rounding."""
+    return bool((np.abs(intervals[1:] - dt) <= IRREGULAR * dt).all())
+
+
 def newest_samples(estimate: Estimate) -> NewestSamples:
     """Return the newest samples: all of `recent`, or the last 3,000 if the clock is irregular."""
     u, y, intervals = estimate.recent.T
     kept = estimate.recent_reference
     r, judged = np.zeros(0) if kept is None else kept, estimate.judged
-    regular = bool((np.abs(intervals[1:] - estimate.dt) <= IRREGULAR * estimate.dt).all())
+    regular = is_regular(intervals, estimate.dt)
     last = slice(None) if regular else slice(-LONGEST_IRREGULAR, None)
     return NewestSamples(u[last], y[last], intervals[last], r[last], judged[last], regular)
 
 
-def newest_of_row(identifier: RowIdentifier, found: RowFit | None) -> NewestSamples:
-    """Return the newest samples of several inputs, with the first reference; ``found``: their fit, or None."""
-    (u, y), intervals, references = identifier.recent, identifier.recent_intervals, identifier.recent_reference
-    judged = np.isfinite(y)
-    if found is not None:
-        judged[np.concatenate([found.outliers, found.stuck])] = False
-    regular = bool((np.abs(intervals[1:] - identifier.dt) <= IRREGULAR * identifier.dt).all())
-    return NewestSamples(u, y, intervals, references[:, :1].ravel(), judged, regular)
+@quiet
+def newest_of(
+    state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS
+) -> tuple[RowRecord, RowSolution, Verdict] | None:
+    """Return the newest samples, the estimate over them and the verdict; None if they are too few."""
+    known = state.recursion
+    if known is None:
+        return None
+    if np.isfinite(state.newest_rows[:, -2]).sum() <= known.delta.size:
+        return None
+    ready, row, references = state.record(RECENT)
+    if row.count <= row.nuisances:
+        return None
+    is_moved = np.zeros(len(row.structures), bool) if known.instruments is None else known.instruments.is_moved
+    ready, _ = with_outside(ready, references, row.names, is_moved)
+    doubt = doubts_of(row, ready, _over(row, known), known.noise)
+    row = Row(row.structures, leaving_out(ready.record, doubt), ready.inputs, row.names, ready.outside)
+    if row.count <= row.nuisances:
+        return None
+    point = _over(row, known)
+    # findings of the last solution take precedence: without a noise model inputs seem to answer a coloured error
+    of_model = state.findings or (*controlled(row, point, known.noise),) or (*timing(row, point),)
+    findings: list[Finding] = []
+    if not row.is_stable(point.theta):
+        findings.append(Finding("diverged", "an update has made a pole unstable: solve again, with finish, or reset"))
+    if known.surprising:
+        findings += guard_findings(0.0, False, known.surprising * state.settings.dt, False)
+    if known.counts[2]:
+        findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
+    rest = {name: signal[ready.used] for name, signal in others.items()}
+    findings += [*state.of_references, *left_out(row, point, known.noise, rest)]  # the column that explains most
+    findings += left_out_finding(int((doubt == Doubt.STUCK).sum()))
+    if state.record_began:
+        findings.append(Finding("trusted", FOLLOWED.format(duration(state.length * state.settings.dt))))
+    found = RowEstimate(point, known.noise, known.covariance, (*of_model, *findings))
+    verdict = judged(row, point, known.noise, known.covariance, of_model, findings, is_of_record=False)
+    return ready, RowSolution(row, found, doubt), verdict
+
+
+def _over(row: Row, known: RowRecursion) -> Point:
+    """Return the estimate evaluated over a row."""
+    theta = known.parameters_in(row)
+    point = evaluate(row, theta, known.noise)
+    return evaluate(row, theta, known.noise, point)  # with the initial states of the first

@@ -1,13 +1,13 @@
-"""Saving: write an identifier to a checkpoint file, and load it or the previous one."""
+"""Saving: load an identifier from its checkpoint file, or from the previous one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from replant.errors import CheckpointError, DamagedCheckpointError, MissingCheckpointError
-from replant.online.checkpoint.encoding import Progress, decode
-from replant.online.checkpoint.files import AnyPath, previous, read, write
-from replant.online.identifier import Identifier
+from replant.online.checkpoint.encoding import decode
+from replant.online.checkpoint.files import AnyPath, previous, read
+from replant.online.identifier import Identifier, restored
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,11 +17,6 @@ class Loaded:
     identifier: Identifier  # in the state in which it was saved, to the bit
     progress: dict[str, int | float | str]  # the numbers and words given to `save`
     used_previous: str | None  # why the previous checkpoint was used instead; None if it was not
-
-
-def save(path: AnyPath, identifier: Identifier, progress: Progress | None = None) -> None:
-    """Write an identifier to a file, see `Identifier.save`."""
-    write(path, identifier.to_bytes(progress))
 
 
 def load(path: AnyPath) -> Loaded:
@@ -39,7 +34,7 @@ def load(path: AnyPath) -> Loaded:
     >>> import tempfile, replant as rp
     >>> ident = rp.Identifier(rp.Structure(poles=1), dt=0.01)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     save(f"{folder}/rig", ident, {"sequence": 17})
+    ...     ident.save(f"{folder}/rig", {"sequence": 17})
     ...     loaded = load(f"{folder}/rig")
     >>> loaded.progress, loaded.used_previous
     ({'sequence': 17}, None)
@@ -61,6 +56,6 @@ def _loaded(path: AnyPath, used_previous: str | None = None) -> Loaded:
     data = read(path)
     try:
         contents = decode(data)
-        return Loaded(Identifier._of(contents.attributes), contents.progress, used_previous)
+        return Loaded(restored(contents.attributes), contents.progress, used_previous)
     except DamagedCheckpointError as error:
         raise DamagedCheckpointError(f"{path}: {error}") from error

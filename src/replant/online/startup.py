@@ -30,7 +30,7 @@ from replant.model.preprocess import Preprocess, centre
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.linear_algebra import quiet
 from replant.numerics.robust import without_spikes
-from replant.online.begin_recursion import initialize, note_doubts, warm_up
+from replant.online.begin_recursion import REJECTED, initialize, note_doubts, warm_up
 from replant.verdict.assess import assess_record
 
 UNKNOWN_LENGTH = 2_000  # length of a record that an optimizer is tuned for if it is unknown [samples]
@@ -167,11 +167,7 @@ def begin(
             if not state.path_size:  # too few raw samples will be kept to test this later
                 state.sums.refuted = float(_is_refuted(settings, solution))
         state.ready_at, state.solved_at = state.elapsed, state.samples
-    state.take_over(
-        old,
-        *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.time_leaps, State.too_coarse),
-        *(State.input_leaps, State.no_output, State.no_reference, State.last_time),
-    )
+    state.take_over(old, *REJECTED, State.no_output, State.last_time)
     return state, error
 
 

@@ -233,7 +233,8 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     progress = _checked({name: from_plain(plain) for name, plain in header[PROGRESS].items()})
     if other is None:
         return Contents(_attributes(header, body), progress)
-    return Contents({other: header[other], ARRAYS: _arrays_of_any_names(header[ARRAYS], body)}, progress)
+    declared = [[str(name), kind, shape, shape[0]] for name, kind, shape in header[ARRAYS]]  # every row is stored
+    return Contents({other: header[other], ARRAYS: _arrays(declared, body)}, progress)
 
 
 def _attributes(header: dict[str, Any], body: memoryview) -> dict[str, Any]:
@@ -290,30 +291,17 @@ def _state(
     return state, job
 
 
-def _arrays_of_any_names(declared: list[Any], body: memoryview) -> dict[str, Any]:
-    """Return the arrays of an identifier of another kind; the caller checks their shapes."""
-    arrays, begin = {}, 0
-    for name, kind, shape in declared:
-        if kind not in (INT, FLOAT) or any(type(size) is not int or size < 0 for size in shape):
-            raise ValueError(f"{name!r:.40} is declared as {kind!r:.40} {shape!r:.60}")
-        end = begin + 8 * math.prod(shape)
-        arrays[str(name)] = np.frombuffer(body[begin:end], kind).reshape(shape).astype(kind[1:])
-        begin = end
-    if begin != len(body):
-        raise DamagedCheckpointError(f"its arrays are declared as {begin} bytes, but it holds {len(body)}")
-    return arrays
-
-
-def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, ...]]) -> dict[str, Any]:
-    """Return arrays of these shapes; all declarations are checked before the first array is allocated."""
-    if [name for name, *_ in declared] != list(shapes):
+def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, ...]] | None = None) -> dict[str, Any]:
+    """Return arrays of these shapes, by default any; all declarations are checked before an array is allocated."""
+    if shapes is not None and [name for name, *_ in declared] != list(shapes):
         raise ValueError("other arrays")
-    if sum(8 * math.prod(shape) for shape in shapes.values()) > LARGEST:
+    if shapes is not None and sum(8 * math.prod(shape) for shape in shapes.values()) > LARGEST:
         raise DamagedCheckpointError("its settings need arrays that are too large")
     for name, kind, shape, rows in declared:
-        if kind != _type(name) or not shape or any(type(size) is not int or size < 0 for size in [*shape, rows]):
+        kinds = (INT, FLOAT) if shapes is None else (_type(name),)
+        if kind not in kinds or not shape or any(type(size) is not int or size < 0 for size in [*shape, rows]):
             raise ValueError(f"{name} is declared as {kind!r:.40} {shape!r:.60}")
-        if tuple(shape) != shapes[name]:
+        if shapes is not None and tuple(shape) != shapes[name]:
             raise DamagedCheckpointError(
                 f"its {name} have the shape {str(shape)[:60]}, and its settings need {list(shapes[name])}"
             )

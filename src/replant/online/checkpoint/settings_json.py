@@ -18,19 +18,8 @@ from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 
 #: The classes of the objects in settings, by name; filters and optimizers come from their own registries.
-KINDS: dict[str, type] = {
-    kind.__name__: kind
-    for kind in (
-        Request,
-        Settings,
-        Structure,
-        Scaling,
-        Replay,
-        Preprocess,
-        *FILTERS,
-        *OPTIMIZERS.values(),
-    )
-}
+_KINDS = Request, Settings, Structure, Scaling, Replay, Preprocess, *FILTERS, *OPTIMIZERS.values()
+KINDS: dict[str, type] = {kind.__name__: kind for kind in _KINDS}
 
 #: The floats that JSON cannot express.
 UNUSUAL = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}

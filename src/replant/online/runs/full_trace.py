@@ -12,6 +12,7 @@ import numpy as np
 
 from replant.errors import LogError, MissingDependencyError
 from replant.logs.arrow import CHECKED, SUFFIXES
+from replant.numerics.operating_system import reason_of, replacing
 from replant.online.trace import Trace, joined
 
 GROUP_ROWS = 1 << 17  # rows of a row group, which are held until it is written [rows]
@@ -28,7 +29,7 @@ class FullTrace:
         except ImportError as error:
             raise MissingDependencyError(f"{path}: writing needs pyarrow: pip install 'replant[parquet]'") from error
         self.path, self._dt = path, dt
-        self._unfinished = path.with_name(path.name + ".part")
+        self._files, self._new = contextlib.ExitStack(), path
         self._held: list[Trace] = []
         self._rows = 0
         self._writer: Any = None
@@ -36,33 +37,18 @@ class FullTrace:
     def __enter__(self) -> FullTrace:
         with self._errors():
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._unfinished.touch()
+            self._new = self._files.enter_context(replacing(self.path))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        try:
-            with self._errors():
-                if kind is None:
-                    self._write()
-                    self._close()
-                    self._unfinished.replace(self.path)
-        finally:
-            self._drop()
-
-    def _close(self) -> None:
-        """Write the end of the file."""
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
-
-    def _drop(self) -> None:
-        """Remove an unfinished file, even if it cannot be closed because the disk is full."""
-        with contextlib.suppress(OSError):
-            self._close()
-        with contextlib.suppress(OSError):
-            self._unfinished.unlink(missing_ok=True)
+        if kind is None:
+            with self._errors(), self._files:
+                self._write()
+            return
+        with contextlib.suppress(OSError):  # it may not be possible to close the file, as the disk is full
+            self._files.__exit__(kind, error, traceback)
 
     def take(self, trace: Trace) -> None:
         """Take the trace of the next samples."""
@@ -83,7 +69,7 @@ class FullTrace:
         columns |= {name: whole.parameters[:, i].copy() for i, name in enumerate(whole.names)}
         table = pyarrow.table({**columns, "error": whole.errors})
         if self._writer is None:
-            self._writer = parquet.ParquetWriter(self._unfinished, table.schema, **CHECKED)
+            self._writer = self._files.enter_context(parquet.ParquetWriter(self._new, table.schema, **CHECKED))
         self._writer.write_table(table)
         self._rows += len(whole)
         self._held = []
@@ -93,5 +79,4 @@ class FullTrace:
         try:
             yield
         except OSError as error:
-            reason = error.strerror or error
-            raise LogError(f"{self.path}: cannot be written ({reason}); choose another file") from error
+            raise LogError(f"{self.path}: cannot be written ({reason_of(error)}); choose another file") from error

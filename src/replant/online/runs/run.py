@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,13 +21,16 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.linear_algebra import quiet
 from replant.numerics.robust import NONE, flags_of, stretches_of
 from replant.online.bank import Bank
-from replant.online.bank_members import asked_for
+from replant.online.bank_weights import asked_for
 from replant.online.identifier import Identifier
 from replant.online.running_model import model_of
 from replant.online.runs.result import KNOTS, ClockRecorder, History, Recorder, Result
 from replant.online.startup import settle
 from replant.online.trace import Trace
 from replant.verdict import Simulation
+
+if TYPE_CHECKING:
+    from replant.logs.recording import Recording
 
 CHUNK = 1 << 13  # samples between two reports of progress, fewer than an identifier keeps [samples]
 PIECE = 1 << 15  # samples of a batch in the second pass [samples]
@@ -38,26 +41,12 @@ BANDS = 200  # times at which standard deviations are recorded during a run [cou
 
 
 Batch = tuple[FloatArray, ...]  # (K,) each: input, output, the reference if any, the stamps if any
-
-
-class Source(Protocol):
-    """A record of known length; its batches, of any sizes, can be read repeatedly."""
-
-    @property
-    def samples(self) -> int:
-        """Number of samples."""
-
-    @property
-    def complete(self) -> bool:
-        """Whether every sample is finite."""
-
-    def batches(self) -> Iterator[Batch]:
-        """Yield batches of raw input, output, the reference if any, and stamps in s if any."""
+Block = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]  # the same, None for what there is not
 
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """A record in memory as a source: input and output (K,); optional reference and stamps of an irregular clock."""
+    """A record in memory: input and output (K,); optional reference and stamps in s of an irregular clock."""
 
     input: FloatArray
     output: FloatArray
@@ -125,7 +114,7 @@ def run_online(
 @quiet
 def run_source(
     request: Request,
-    source: Source,
+    source: Arrays | Recording,
     progress: Callable[[str, int], None] = lambda stage, samples: None,
     sink: Callable[[Trace], None] = lambda trace: None,
     newest: int | None = None,
@@ -144,10 +133,11 @@ def run_source(
     all_bridged = [_Bridged(each) for each in members]
     dt = members[0].dt
     chunk = min(CHUNK, max(1, source.samples // BANDS))
-    done, stamped = 0, _needs_stamps(request, source)
+    # on a regular clock stamps let missing samples take their time; the article's filters take none
+    regular_only = isinstance(request.filter, Filter) and request.filter.regular_only
+    done, stamped = 0, not source.complete and not regular_only
     ends: list[float] = []  # the first and the last stamp
-    for batch in batched(source.batches(), FITTED):
-        u, y, r, t = _signals(batch, irregular=irregular)
+    for u, y, r, t in _blocks(source, FITTED, irregular=irregular):
         if t is not None and t.size:
             ends = [ends[0] if ends else float(t[0]), float(t[-1])]
         for start in range(0, u.size, chunk):
@@ -175,9 +165,13 @@ def run_source(
     settings, verdict = identifier.settings, identifier.assess()
     span = ends[1] - ends[0] if ends else dt * (done - 1)
     tested = _Tested(identifier, source.samples, newest, span, bridged.loads.tolist())
-    for u, y, t in _pieces(source, irregular=irregular):
-        tested.take(u, y, t, bridged.stretches)
-        progress(TESTING, tested.record.samples)
+    size = FITTED  # the first samples fit the initial state; later pieces fit into the cache
+    for u, y, _, t in _blocks(source, FITTED, irregular=irregular):
+        for start in range(0, max(u.size, 1), size):
+            piece = slice(start, start + size)
+            tested.take(u[piece], y[piece], None if t is None else t[piece], bridged.stretches)
+            progress(TESTING, tested.record.samples)
+        size = PIECE
     simulation = tested.simulation
     return Result(
         model_of(identifier, simulation, tested.score.one_step, verdict), tested.score.one_step, simulation,
@@ -189,27 +183,19 @@ def run_source(
     )  # fmt: skip
 
 
-def _signals(batch: Batch, *, irregular: bool) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]:
-    """Return input, output, reference (or None) and stamps (or None) of a batch."""
-    u, y, *others = batch
-    t = others.pop() if irregular and others else None
-    return u, y, others[0] if others else None, t
+def _blocks(source: Arrays | Recording, size: int, *, irregular: bool) -> Iterator[Block]:
+    """Yield a record in blocks of ``size``, the last one shorter."""
+    for u, y, *others in batched(source.batches(), size):
+        t = others.pop() if irregular and others else None
+        yield u, y, others[0] if others else None, t
 
 
-def _needs_stamps(request: Request, source: Source) -> bool:
-    """Return whether a run on a regular clock needs stamps, so that missing samples take their time."""
-    # the article's filters need a regular clock, so they get no stamps
-    regular_only = isinstance(request.filter, Filter) and request.filter.regular_only
-    return not source.complete and not regular_only
-
-
-def _identifier(request: Request, source: Source, startup: int | None, *, irregular: bool) -> Identifier:
+def _identifier(request: Request, source: Arrays | Recording, startup: int | None, *, irregular: bool) -> Identifier:
     if startup is None and request.wants_instruments:
         startup = min(max(source.samples // 10, 1), LONGEST_STARTUP)
     if startup is not None:
         return Identifier(**vars(replace(request, startup=startup)))
-    first = next(batched(source.batches(), SETTLED), (np.empty(0), np.empty(0)))
-    u, y, _, t = _signals(first, irregular=irregular)
+    u, y, _, t = next(_blocks(source, SETTLED, irregular=irregular))
     return Identifier(**settle(request, u, y, source.samples, t=t).arguments)
 
 
@@ -336,15 +322,3 @@ class _Tested:
         """The simulation of the newest samples that are kept."""
         score = self.score
         return Simulation(self.record.output(score.shift), score.offset, score.simulated, is_prediction=self._predicts)
-
-
-def _pieces(source: Source, *, irregular: bool) -> Iterator[tuple[FloatArray, FloatArray, FloatArray | None]]:
-    """Yield a record: first the samples used to fit the initial state, then pieces that fit into the cache."""
-    first = True
-    for batch in batched(source.batches(), FITTED):
-        u, y, _, t = _signals(batch, irregular=irregular)
-        size = FITTED if first else PIECE
-        first = False
-        for start in range(0, max(u.size, 1), size):
-            piece = slice(start, start + size)
-            yield u[piece], y[piece], None if t is None else t[piece]

@@ -31,9 +31,9 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
 from replant.numerics.robust import flags_of
-from replant.online.bank_members import asked_for
+from replant.online.bank_weights import asked_for
 from replant.online.miso_identifier import RowIdentifier
-from replant.online.miso_samples import RowClock, Screened
+from replant.online.miso_samples import RowClock, RowSamples, Screened
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import CHUNK, run_online
 from replant.verdict.other_columns import other_columns
@@ -169,7 +169,8 @@ def run_row(
     ident = RowIdentifier(
         dt=given.dt, startup=first, input_hold=given.input_hold, input_names=given.input_names, **orders
     )  # fmt: skip
-    screened = Screened.of(RowClock(), u, y, t, np.empty((y.size, 0)), -np.inf, given.dt, ident.request.closest)
+    samples = RowSamples(u, y, t, np.empty((y.size, 0)))
+    screened = Screened.of(RowClock(), samples, -np.inf, given.dt, ident.request.closest)
     if t is None and not screened.is_taken.all():
         t = given.dt * np.arange(y.size, dtype=np.float64)  # a sample that is left out still takes its time
     for begin in range(0, y.size, CHUNK):

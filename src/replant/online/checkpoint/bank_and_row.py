@@ -1,27 +1,39 @@
-"""The checkpoint of an identifier of several inputs: its settings, samples and recursion, to the bit."""
+"""The checkpoints of a bank and of an identifier of several inputs: JSON values and arrays, equal to the bit.
+
+The checkpoint of a bank holds those of its members, its weights and its leads; that of several inputs settings, samples
+and recursion.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from replant.errors import DamagedCheckpointError
+from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.auxiliary_model import Branches
 from replant.estimation.simulation.miso_exogenous import Law
 from replant.estimation.solver.miso_change import Judge
 from replant.kernels.schema import LAGS, LAGUERRE
+from replant.kernels.step.bank import KNOWN
 from replant.model.structure import Structure
-from replant.numerics.arguments import FloatArray, one_of
+from replant.numerics.arguments import FloatArray, number, one_of
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import duration
-from replant.online.checkpoint.encoding import ARRAYS, ROW, described
+from replant.online.bank_weights import EVENTS, MOST, Lead, Weights
+from replant.online.checkpoint.encoding import ARRAYS, BANK, ROW, described
+from replant.online.estimate import Estimate
 from replant.online.miso_recursion import Instruments, RowRecursion
 from replant.online.miso_samples import REASONS, RowClock, RowHistory, RowSettings
 from replant.online.miso_state import JUDGES, RowState
 from replant.verdict.verdict import STATUSES, Finding
 
+#: The attributes of a bank that are counts, and the fields of its weights that are arrays.
+OF_BANK = "_taken", "_due", "_stop", "_origin", "_ready", "_likeliest", "_lead"
+OF_WEIGHTS = tuple(each.name for each in fields(Weights) if each.name != "least")
 #: The fields of a recursion that are arrays, and those that are numbers; then the arrays of a noise model.
 VECTORS = "theta", "nuisances", "scale", "origin", "tail", "delta", "factor", "diagonal", "counts", "squares"
 NUMBERS = "dt", "size", "power", "level", "waits"
@@ -35,7 +47,61 @@ CLOCK = 3  # numbers of a clock, without those of a sample held back [count]
 Arrays = dict[str, FloatArray]
 
 
-def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
+def bank_parts(members: Sequence[bytes], state: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return members and state as JSON values and arrays; the length of a member's bytes is a multiple of eight."""
+    weights: Weights = state["_weights"]
+    arrays = {f"member.{i}": np.frombuffer(each, np.int64) for i, each in enumerate(members)}
+    arrays |= {name: getattr(weights, name) for name in OF_WEIGHTS}
+    plain = {name: state[name] for name in OF_BANK} | {"members": len(members), "least": weights.least}
+    plain["adapts"] = state["_adapts"]
+    leads = [[each.taken, list(vars(each.structure).values()), each.weight, each.status] for each in state["_leads"]]
+    return plain | {"leads": leads}, arrays
+
+
+@described()
+def restored_bank(attributes: dict[str, Any], member_of: Callable[[bytes], Any]) -> dict[str, Any]:
+    """Return the attributes of the bank in the content of a checkpoint, checked."""
+    plain, arrays = attributes[BANK], attributes[ARRAYS]
+    count = plain["members"]
+    if type(count) is not int or not 2 <= count <= MOST:
+        raise DamagedCheckpointError("its members are not valid")
+    members = [member_of(arrays[f"member.{i}"].tobytes()) for i in range(count)]
+    if any(not isinstance(each, Estimate) or each.request.history < RECENT for each in members):
+        raise DamagedCheckpointError("its members are not valid")
+    if len({(each.dt, each.taken) for each in members}) > 1 or any(
+        type(plain[name]) is not int or plain[name] < 0 for name in OF_BANK
+    ):
+        raise DamagedCheckpointError("its members or counts are not valid")
+    structures = {each.structure for each in members}
+    if len(structures) != count or max(plain["_lead"], plain["_likeliest"]) >= count:
+        raise DamagedCheckpointError("its structures or its lead are not valid")
+    if plain["_taken"] != members[0].taken or plain["_stop"] <= plain["_taken"]:
+        raise DamagedCheckpointError("its samples are not those of its members")
+    fresh = Weights.of([each.structure for each in members])
+    given: dict[str, Any] = {name: arrays[name] for name in OF_WEIGHTS}
+    for name, array in given.items():
+        usual = getattr(fresh, name)
+        if array.shape != usual.shape or array.dtype.kind != usual.dtype.kind:
+            raise DamagedCheckpointError(f"its {name} have the shape {array.shape}, and its members need {usual.shape}")
+    orders, known, joined = given["orders"], given["counts"][KNOWN], given["joined"]
+    if not (orders.min() >= 0 and orders.max() <= LAGS and 0 <= known <= LAGS and np.isin(joined, (0, 1)).all()):
+        raise DamagedCheckpointError("its weights are not valid")
+    if len(plain["leads"]) > EVENTS:
+        raise DamagedCheckpointError("its events are not valid")
+    kept = {tuple(vars(each).values()): each for each in structures}
+    leads = tuple(_lead(kept, *each) for each in plain["leads"])
+    weights = Weights(least=number("least", plain["least"]), **given)
+    state = {"_members": tuple(members), "_weights": weights, "_leads": leads, "_held": [], "_chunk": None}
+    return state | {"_adapts": bool(plain["adapts"])} | {name: plain[name] for name in OF_BANK}
+
+
+def _lead(structures: dict[Any, Any], taken: int, structure: list[Any], weight: float, status: str) -> Lead:
+    if type(taken) is not int or status not in STATUSES:
+        raise DamagedCheckpointError("its events are not valid")
+    return Lead(taken, structures[tuple(structure)], number("weight", weight), status)
+
+
+def row_parts(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return settings and state as JSON values and arrays."""
     structures, dt, startup, history, hold, names = state.settings
     plain: dict[str, Any] = {
@@ -60,8 +126,8 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
             arrays |= _of_branches(made.models, "instruments.")
     if state.rivals:
         arrays["rivals"] = np.array(state.rivals)
-    for number, judge in enumerate(state.judges):
-        arrays |= {f"judges.{number}.theta": judge.theta} | _of_noise(judge.noise, f"judges.{number}.")
+    for i, judge in enumerate(state.judges):
+        arrays |= {f"judges.{i}.theta": judge.theta} | _of_noise(judge.noise, f"judges.{i}.")
     return plain, arrays
 
 
@@ -76,7 +142,7 @@ def _of_branches(models: Branches, before: str = "") -> dict[str, Any]:
 
 
 @described()
-def restored(attributes: dict[str, Any]) -> RowState:
+def restored_row(attributes: dict[str, Any]) -> RowState:
     """Return the state in the content of a checkpoint, checked."""
     plain, arrays = attributes[ROW], attributes[ARRAYS]
     structures = tuple(Structure(*each) for each in plain["structures"])
@@ -97,12 +163,14 @@ def restored(attributes: dict[str, Any]) -> RowState:
     statuses = {finding.status for each in findings.values() for finding in each}
     if len(kept) > settings.history or not statuses <= set(STATUSES):
         raise DamagedCheckpointError("its samples or findings are not valid")
+    rivals = arrays.get("rivals", np.zeros((0, settings.size)))
+    _checked("rivals", rivals, (len(rivals), settings.size))
     return RowState(
         settings, RowHistory(kept, settings.history, 0, len(kept)), **{name: plain[name] for name in COUNTS},
         loads=loads, is_sure=bool(plain["is_sure"]), rejected=rejected, stamped=plain["stamped"],
         clock=_clock(clock, kept.shape[1], rejected["time leap"]), adapts=bool(plain["adapts"]),
         recursion=_recursion(structures, hold, references, arrays) if arrays else None,
-        rivals=_rivals(settings.size, arrays), judges=tuple(_judges(settings.size, arrays)), **findings,
+        rivals=tuple(rivals), judges=tuple(_judges(settings.size, arrays)), **findings,
     )  # fmt: skip
 
 
@@ -154,16 +222,11 @@ def _noise(arrays: Arrays, before: str = "") -> Autoregression:
     return Autoregression(power=power, count=count, **noise)
 
 
-def _rivals(size: int, arrays: Arrays) -> tuple[FloatArray, ...]:
-    rivals = arrays.get("rivals", np.zeros((0, size)))
-    return tuple(_checked("rivals", rivals, (len(rivals), size)))
-
-
 def _judges(size: int, arrays: Arrays) -> Iterator[Judge]:
-    for number in range(JUDGES):  # there are fewer while the record is short
-        theta = arrays.get(f"judges.{number}.theta")
+    for i in range(JUDGES):  # there are fewer while the record is short
+        theta = arrays.get(f"judges.{i}.theta")
         if theta is not None:
-            yield Judge(_checked("judges", theta, (size,)), _noise(arrays, f"judges.{number}."))
+            yield Judge(_checked("judges", theta, (size,)), _noise(arrays, f"judges.{i}."))
 
 
 def _branches(models: Branches, arrays: Arrays, before: str = "") -> Branches:
