@@ -105,14 +105,14 @@ def test_a_search_an_online_pass_and_a_stop(browser, motor: Path) -> None:
 
 @pytest.mark.slow
 def test_what_was_typed_is_not_undone_by_a_state_from_before(browser, motor: Path, monkeypatch) -> None:
-    arrived, answered, wish = Event(), Event(), ACTIONS["wish"]
+    arrived, answered, (wish, *names) = Event(), Event(), ACTIONS["wish"]
 
     def held(*given) -> None:
         arrived.set()
         answered.wait(PATIENCE)
         wish(*given)
 
-    monkeypatch.setitem(ACTIONS, "wish", held)
+    monkeypatch.setitem(ACTIONS, "wish", (held, *names))
     with opened([motor]) as served:
         at = Workbench(browser, served.url)
         at.is_read()

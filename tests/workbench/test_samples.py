@@ -7,8 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from replant.workbench.drawn_samples import BUCKET, CancelledError, Clock, Column, Samples, buckets_of, doubts
-from replant.workbench.tasks import look, thinned
+from replant.workbench.drawn_samples import (
+    BUCKET,
+    CancelledError,
+    Clock,
+    Column,
+    Samples,
+    buckets_of,
+    doubts,
+    thinned,
+)
+from replant.workbench.tasks import look
 from support.cases import every
 
 

@@ -50,10 +50,12 @@ def uplot() -> tuple[str, str]:
     )
 
 
-_ICONS = {  # they differ in shape as well as in colour
+#: What is drawn for each gravity, of a page or of no model, into 24 by 24: they differ in shape as well as in colour.
+SIGNS = {
     "good": '<circle cx="12" cy="12" r="11"/><path class="mark" d="M6.5 12.5l3.7 3.7 7.3-8"/>',
     "warn": '<path d="M12 1.5L23.5 22H.5z"/><path class="mark" d="M12 9v6M12 18v.6"/>',
     "bad": '<path d="M7.4 1h9.2L23 7.4v9.2L16.6 23H7.4L1 16.6V7.4z"/><path class="mark" d="M8 8l8 8M16 8l-8 8"/>',
+    "none": '<path d="M12 1L23 12L12 23L1 12z"/><path class="mark" d="M7.5 12h.1M12 12h.1M16.5 12h.1"/>',
 }
 
 
@@ -124,7 +126,7 @@ def write_page(path: Path, **parts: Any) -> Path:
 
 def icon(gravity: str) -> str:
     """Return the icon of a gravity: "good", "warn" or "bad"."""
-    return f'<svg class="icon {gravity}" viewBox="0 0 24 24" aria-hidden="true">{_ICONS[gravity]}</svg>'
+    return f'<svg class="icon {gravity}" viewBox="0 0 24 24" aria-hidden="true">{SIGNS[gravity]}</svg>'
 
 
 def section(name: str, *parts: str, anchor: str = "") -> str:
@@ -142,6 +144,11 @@ def folded(name: str, content: str) -> str:
 def facts(rows: Iterable[tuple[str, str]]) -> str:
     """Return a list of terms and descriptions."""
     return "<dl>" + "".join(f"<dt>{html.escape(key)}</dt><dd>{html.escape(text)}</dd>" for key, text in rows) + "</dl>"
+
+
+def note(text: str) -> str:
+    """Return a remark in small print."""
+    return f'<p class="note">{words(text)}</p>'
 
 
 def in_small(text: str) -> str:

@@ -12,8 +12,7 @@ import threading
 import webbrowser
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache, partial
-from importlib import resources
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
 from replant.errors import InvalidArgumentError, ReplantError, shown
-from replant.live.dashboard.app import Hub, dashboard_assets, file_answer, page_app, stream
+from replant.live.dashboard.app import Hub, file_answer, page_app, stream
 from replant.live.dashboard.server import Dashboard, serve
 from replant.live.progress import stop_on_signals
 from replant.logs.recording import digest
@@ -31,7 +30,6 @@ from replant.numerics.operating_system import Worker, one_line
 from replant.workbench import tasks
 from replant.workbench.choices import text
 from replant.workbench.model_cards import Card, judged
-from replant.workbench.opened_log import with_role
 from replant.workbench.session import SUFFIX, Session, folder, newest_session, read, session_of, token
 
 POINTS = 1200  # default number of points of a curve [count]
@@ -142,63 +140,37 @@ def _safe(name: str) -> str:
     return name
 
 
-Given = dict[str, Any]
+#: For each action of the pages the method of the session, and what the page gives it.
+ACTIONS: dict[str, tuple[Callable[..., list[str] | None], *tuple[str, ...]]] = {
+    "activate": (Session.activate, "log"),
+    "close": (Session.close_log, "log"),
+    "read-again": (Session.read_again, "log"),
+    "role": (Session.set_role, "log", "column", "role"),
+    "setup": (Session.set_up, "log", "setup"),
+    "stretch": (Session.set_stretch, "log", "kind", "before", "after"),
+    "wish": (Session.set_wish, "log", "wish"),
+    "fit": (Session.fit, "log", "wish"),
+    "stop": (Session.stop, "card"),
+    "repeat": (Session.again, "card"),
+    "rename": (Session.rename, "card", "title"),
+    "remove": (Session.remove, "card"),
+    "sort": (Session.sort, "order"),
+    "show": (Session.show, "card", "chosen"),
+}
 
 
-def _word(given: Given, name: str) -> str:
-    return text(name, given.get(name, ""))
-
-
-def _role(session: Session, given: Given) -> None:
-    role, column = _word(given, "role"), _word(given, "column")
-    if role not in ("time", "input", "output", "reference", ""):
-        raise InvalidArgumentError("a column is time, input, output, reference or unused")
-    session.choose(_word(given, "log"), lambda log: with_role(log, column, role))
-
-
-def _setup(session: Session, given: Given) -> None:
-    changes = _object(given, "setup")
-    session.choose(_word(given, "log"), lambda log: log.setup.changed(changes))
-
-
-def _stretch(session: Session, given: Given) -> None:
-    kind, before, after = _word(given, "kind"), given.get("before"), given.get("after")
-    session.choose(_word(given, "log"), lambda log: log.setup.with_stretch(kind, before, after))
-
-
-def _wish(session: Session, given: Given) -> None:
-    log = session.log(_word(given, "log"))
-    log.wish = log.wish.changed(_object(given, "wish"))
-
-
-def _fit(session: Session, given: Given) -> Given:
-    _wish(session, given)
-    return {"made": session.fit(_word(given, "log"))}
-
-
-def _object(given: Given, name: str) -> Given:
+def _argument(name: str, given: dict[str, Any]) -> Any:
+    """Return what a page gives for an argument: an object, or a text; the session checks stretches."""
+    if name in ("before", "after"):
+        return given.get(name)
+    if name == "chosen":
+        return bool(given.get(name))
+    if name not in ("setup", "wish"):
+        return text(name, given.get(name, ""))
     found = given.get(name, {})
     if not isinstance(found, dict):
         raise InvalidArgumentError(f"{name} must be an object of JSON")
     return found
-
-
-ACTIONS: dict[str, Callable[[Session, Given], Given | None]] = {
-    "activate": lambda session, given: session.activate(_word(given, "log")),
-    "close": lambda session, given: session.close_log(_word(given, "log")),
-    "read-again": lambda session, given: session.log(_word(given, "log")).read_again(),
-    "role": _role,
-    "setup": _setup,
-    "stretch": _stretch,
-    "wish": _wish,
-    "fit": _fit,
-    "stop": lambda session, given: session.jobs.stop(session.card(_word(given, "card")).name),
-    "repeat": lambda session, given: session.again(_word(given, "card")),
-    "rename": lambda session, given: session.rename(_word(given, "card"), _word(given, "title")),
-    "remove": lambda session, given: session.remove(_word(given, "card")),
-    "sort": lambda session, given: session.sort(_word(given, "order")),
-    "show": lambda session, given: session.show(_word(given, "card"), chosen=bool(given.get("chosen"))),
-}
 
 
 PERIOD = 2.0  # time between two checks whether a log has changed [s]
@@ -260,23 +232,21 @@ def _served(session: Session, hub: Hub, host: str, port: int) -> Dashboard:
 
 
 LONGEST_BODY = 1 << 20  # largest body of an action's request [bytes]
-_SCRIPTS = ("workbench", "page", "data", "marks", "models", "compare", "keep", "curves")
-_OWN = (*(f"{name}.js" for name in _SCRIPTS), "workbench.css")
 
 
 def create_app(session: Session, hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starlette:
     """Return the workbench of a session as an ASGI application."""
-    return page_app(_own("index.html"), _assets(), _routes(session, hub), token=token, hosts=hosts)
+    return page_app("replant.workbench", _routes(session, hub), token=token, hosts=hosts)
 
 
 def _routes(session: Session, hub: Hub) -> list[Route | WebSocketRoute]:
     async def act(request: Request) -> Response:
-        action = ACTIONS.get(request.path_params["name"])
-        if action is None:
+        if request.path_params["name"] not in ACTIONS:
             return PlainTextResponse("There is no action of that name.\n", 404)
+        action, *names = ACTIONS[request.path_params["name"]]
         given = await _body(request)
-        found = await asyncio.to_thread(action, session, given)
-        return JSONResponse({**(found or {}), "revision": session.changed()})
+        made = await asyncio.to_thread(action, session, *(_argument(name, given) for name in names))
+        return JSONResponse({**({} if made is None else {"made": made}), "revision": session.changed()})
 
     async def upload(request: Request) -> Response:
         name = _safe(request.query_params.get("name", ""))
@@ -347,13 +317,3 @@ async def _body(request: Request) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise InvalidArgumentError("the request must be an object of JSON")
     return found
-
-
-@cache
-def _assets() -> dict[str, bytes]:
-    """Return all files that the page loads: the dashboard's, and its own."""
-    return dashboard_assets() | {name: _own(name) for name in _OWN}
-
-
-def _own(name: str) -> bytes:
-    return resources.files("replant.workbench").joinpath("assets", name).read_bytes()

@@ -116,6 +116,14 @@ def joined_extremes(low: FloatArray, high: FloatArray, count: int) -> Extremes:
     return np.fmin.reduceat(low, edges), np.fmax.reduceat(high, edges)
 
 
+def thinned(t: FloatArray, signal: FloatArray, rows: slice, points: int) -> dict[str, Any]:
+    """Return a signal as times, minima and maxima of stretches; ``high`` is None if every sample is shown."""
+    time, values = t[rows], signal[rows]
+    every = max(1, -(-values.size // points))
+    low, high = joined_extremes(values, values, every)
+    return {"t": rounded(time[::every], 12), "low": rounded(low), "high": None if every == 1 else rounded(high)}
+
+
 def buckets_of(values: FloatArray) -> Extremes:
     """Return the minimum and maximum of each bucket of a column (K,)."""
     parts = [(np.empty(0), np.empty(0))]

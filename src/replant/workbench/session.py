@@ -18,7 +18,7 @@ from replant.errors import InvalidArgumentError, ReplantError, shown
 from replant.numerics.operating_system import one_line, reason_of, replacing
 from replant.workbench.choices import Setup, Wish, text, words_of
 from replant.workbench.model_cards import DONE, OPEN, ORDERS, Card, card_of, in_order, title_of
-from replant.workbench.opened_log import BROKEN, Opened
+from replant.workbench.opened_log import BROKEN, Opened, with_role
 from replant.workbench.tasks import Jobs, Work
 
 SUFFIX = ".workbench"
@@ -136,19 +136,37 @@ class Session:
         self.changed()
         return same
 
-    def activate(self, name: str) -> None:
+    def activate(self, log: str) -> None:
         """Show a log."""
-        self.active = self.log(name).name
+        self.active = self.log(log).name
 
-    def close_log(self, name: str) -> None:
+    def close_log(self, log: str) -> None:
         """Close a log; its models stay."""
         with self.lock:
-            self.log(name).close()
-            del self.logs[name]
-            if self.active == name:
+            self.log(log).close()
+            del self.logs[log]
+            if self.active == log:
                 self.active = next(reversed(self.logs), "")
 
-    def choose(self, name: str, change: Callable[[Opened], Setup]) -> None:
+    def read_again(self, log: str) -> None:
+        """Read the file of a log again."""
+        self.log(log).read_again()
+
+    def set_role(self, log: str, column: str, role: str) -> None:
+        """Have a column take over a role."""
+        if role not in ("time", "input", "output", "reference", ""):
+            raise InvalidArgumentError("a column is time, input, output, reference or unused")
+        self._choose(log, lambda opened: with_role(opened, column, role))
+
+    def set_up(self, log: str, setup: dict[str, Any]) -> None:
+        """Change fields of the setup of a log."""
+        self._choose(log, lambda opened: opened.setup.changed(setup))
+
+    def set_stretch(self, log: str, kind: str, before: Any, after: Any) -> None:
+        """Change a stretch of time of a log, see `Setup.with_stretch`."""
+        self._choose(log, lambda opened: opened.setup.with_stretch(kind, before, after))
+
+    def _choose(self, name: str, change: Callable[[Opened], Setup]) -> None:
         """Change the setup of a log; inspect the log again if its roles or clock have changed."""
         with self.lock:
             log = self.log(name)
@@ -157,6 +175,11 @@ class Session:
         roles = ("input", "output", "reference", "time", "dt")
         if any(getattr(before, each) != getattr(setup, each) for each in roles):
             log.refresh()
+
+    def set_wish(self, log: str, wish: dict[str, Any]) -> None:
+        """Change fields of the wish for models of a log."""
+        opened = self.log(log)
+        opened.wish = opened.wish.changed(wish)
 
     def look_for_growth(self) -> None:
         """Tell the pages which logs have changed on disk, such as the record of a live session."""
@@ -172,55 +195,58 @@ class Session:
 
     # --- models ---
 
-    def fit(self, name: str) -> list[str]:
+    def fit(self, log: str, wish: dict[str, Any]) -> list[str]:
         """Start jobs for the requested models of a log; return the names of their cards."""
+        self.set_wish(log, wish)
         with self.lock:
-            log = self.log(name)
-            log.setup.check()
+            opened = self.log(log)
+            opened.setup.check()
             made = []
-            for wish in log.wish.alone:
-                words = words_of(log.path, log.setup, wish)
-                made.append(Card(self._next("m"), title_of(wish), log.name, log.path, log.setup, wish, words))
+            for each in opened.wish.alone:
+                words = words_of(opened.path, opened.setup, each)
+                made.append(Card(self._next("m"), title_of(each), log, opened.path, opened.setup, each, words))
             self.cards |= {card.name: card for card in made}
         for card in made:
             self.jobs.start(card.name, card.words)
         return [card.name for card in made]
 
-    def again(self, name: str) -> None:
+    def stop(self, card: str) -> None:
+        """Stop the job of a card."""
+        self.jobs.stop(self.card(card).name)
+
+    def again(self, card: str) -> None:
         """Run the job of a card again, after it was stopped or failed."""
         with self.lock:
-            card = replace(self.card(name), state="waiting", error="", percent=0, stage="")
-            self.cards[name] = card
-        self.jobs.start(name, card.words)
+            self.cards[card] = replace(self.card(card), state="waiting", error="", percent=0, stage="")
+        self.jobs.start(card, self.cards[card].words)
 
-    def rename(self, name: str, title: str) -> None:
+    def rename(self, card: str, title: str) -> None:
         """Give a card another title."""
-        self.cards[name] = replace(self.card(name), title=title.strip() or self.card(name).title)
+        self.cards[card] = replace(self.card(card), title=title.strip() or self.card(card).title)
 
-    def remove(self, name: str) -> None:
+    def remove(self, card: str) -> None:
         """Remove a card, and stop its job."""
         with self.lock:
-            card = self.card(name)
-            del self.cards[name]
-            self.show(name, chosen=False)
-        if card.state in OPEN:
-            self.jobs.stop(name)
+            removed = self.card(card)
+            del self.cards[card]
+            self.show(card, chosen=False)
+        if removed.state in OPEN:
+            self.jobs.stop(card)
 
     @property
     def compared(self) -> list[str]:
         """The names of the compared cards."""
         return [name for name in self.shown if name]
 
-    def show(self, name: str, *, chosen: bool) -> None:
+    def show(self, card: str, chosen: bool) -> None:
         """Add a card to the comparison, or remove it.  Its position gives its colour: it takes the first free one."""
-        name = self.card(name).name if chosen else name
         if not chosen:
-            self.shown = ["" if each == name else each for each in self.shown]
-        elif name not in self.shown:
+            self.shown = ["" if each == card else each for each in self.shown]
+        elif self.card(card).name not in self.shown:
             if len(self.compared) >= MOST_SHOWN:
                 raise InvalidArgumentError(f"{MOST_SHOWN} models are compared at a time: leave one out first")
             free = self.shown.index("") if "" in self.shown else len(self.shown)
-            self.shown = [*self.shown[:free], name, *self.shown[free + 1 :]]
+            self.shown = [*self.shown[:free], card, *self.shown[free + 1 :]]
 
     def sort(self, order: str) -> None:
         """Show the cards in another order."""
@@ -294,10 +320,7 @@ def _held(held: dict[str, T], name: str, what: str) -> T:
     return held[name]
 
 
-Named = tuple[Path, Setup, Wish, str]
-
-
-def parsed(written: str, source: str) -> tuple[list[Named], list[Card], dict[str, Any]]:
+def parsed(written: str, source: str) -> tuple[list[tuple[Path, Setup, Wish, str]], list[Card], dict[str, Any]]:
     """Return logs, cards and the rest of a session's file; raise ReplantError if the file is invalid."""
     try:
         kept = json.loads(written)

@@ -39,7 +39,7 @@ from replant.numerics.residuals import BAND_95
 from replant.plotting.numbers import rounded
 from replant.report.log_as_text import as_json, findings_of
 from replant.workbench.choices import Setup, Stretch
-from replant.workbench.drawn_samples import doubts, joined_extremes
+from replant.workbench.drawn_samples import doubts, thinned
 from replant.workbench.model_cards import DONE, FAILED, RUNNING, STOPPED
 
 KEPT_LOGS = 2  # logs in the cache [count]
@@ -97,10 +97,7 @@ def conditioned(
     path: str, setup: Setup, changed: float, between: tuple[float, float] | None, points: int
 ) -> dict[str, Any]:
     """Return the conditioned input and output, between two times in s or whole."""
-    plain = replace(setup, use=(), leave_out=(), validate_on=())
-    log = _log(path, plain, None, changed)
-    t = _clock(log)
-    rows = _rows(t, between)
+    log, t, rows = _part(path, _uncut(setup), None, changed, between)
     drawn = {name: thinned(t, signal, rows, points) for name, signal in (("input", log.input), ("output", log.output))}
     return {"signals": drawn, "samples": len(log), "dt": log.dt}
 
@@ -120,11 +117,8 @@ def compared(
     points: int,
 ) -> dict[str, Any]:
     """Return outputs of models and the measured output for a part of a log; ``between`` limits the time shown."""
-    plain = replace(setup, use=(), leave_out=(), validate_on=())
-    log = _log(path, plain, part, changed)
-    begin = 0.0 if part is None else part.begin
-    t = _clock(log) + begin
-    rows = _rows(t, between)
+    plain = _uncut(setup)
+    log, t, rows = _part(path, plain, part, changed, between)
     found: dict[str, Any] = {
         "all": [float(t[0]), float(t[-1])],
         "measured": thinned(t, log.output, rows, points),
@@ -179,16 +173,17 @@ def _responses(model: Model, lasts: float, omega: FloatArray) -> dict[str, Any]:
         size = 20.0 * np.log10(bode.magnitude)
         wide = (20.0 / math.log(10.0)) * _twice(bode.relative_std, omega.size)
     turn, spread = np.degrees(_twice(bode.phase_std, omega.size)), _twice(step.std, step.time.size)
+    regions = [
+        (mode.mode.pole, [[finite(each) for each in row] for row in mode.covariance]) for mode in poles.uncertain
+    ]
+    roots: Any = regions or [(pole, None) for pole in poles.values]
     over_time = {"t": t, "y": np.interp(t, step.time, step.output), "wide": np.interp(t, step.time, spread)}
     return {
         "step": {name: rounded(values) for name, values in over_time.items()},
         "bode": {"size": rounded(size), "wide": rounded(wide), "phase": rounded(np.degrees(bode.phase)),
                  "turn": rounded(turn)},
-        "poles": [_complex(pole) for pole in poles.values], "zeros": [_complex(zero) for zero in poles.zeros],
-        "regions": [
-            {**_complex(mode.mode.pole), "covariance": [[finite(each) for each in row] for row in mode.covariance]}
-            for mode in poles.uncertain
-        ],
+        "poles": [_complex(pole) | {"covariance": covariance} for pole, covariance in roots],
+        "zeros": [_complex(zero) for zero in poles.zeros],
     }  # fmt: skip
 
 
@@ -200,23 +195,22 @@ def _complex(value: complex) -> dict[str, float | None]:
     return {"real": finite(value.real), "imag": finite(value.imag)}
 
 
-def _clock(log: Log) -> FloatArray:
-    return np.asarray(log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0], np.float64)
+def _uncut(setup: Setup) -> Setup:
+    """Return a setup without its stretches of time."""
+    return replace(setup, use=(), leave_out=(), validate_on=())
 
 
-def _rows(t: FloatArray, between: tuple[float, float] | None) -> slice:
+def _part(
+    path: str, setup: Setup, part: Stretch | None, changed: float, between: tuple[float, float] | None
+) -> tuple[Log, FloatArray, slice]:
+    """Return a part of a log, its times in s from the log's first sample, and which of its rows are shown."""
+    log = _log(path, setup, part, changed)
+    t = np.asarray(log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0], np.float64)
+    t = t + (0.0 if part is None else part.begin)
     if between is None:
-        return slice(0, t.size)
+        return log, t, slice(0, t.size)
     first, last = np.searchsorted(t, between).tolist()
-    return slice(max(0, first - 1), min(t.size, last + 1))
-
-
-def thinned(t: FloatArray, signal: FloatArray, rows: slice, points: int) -> dict[str, Any]:
-    """Return a signal as times, minima and maxima of stretches; ``high`` is None if every sample is shown."""
-    time, values = t[rows], signal[rows]
-    every = max(1, -(-values.size // points))
-    low, high = joined_extremes(values, values, every)
-    return {"t": rounded(time[::every], 12), "low": rounded(low), "high": None if every == 1 else rounded(high)}
+    return log, t, slice(max(0, first - 1), min(t.size, last + 1))
 
 
 class Work:
@@ -262,7 +256,6 @@ class Work:
 AT_ONCE = max(1, min(4, (os.cpu_count() or 1) - 1))  # most simultaneous commands; one core is left for the page [count]
 PATIENCE = 3.0  # timeout for a stopped command to end by itself [s]
 _PROGRESS = re.compile(r"replant: (.+?) (\d+) %")
-_SAID = "replant: "
 
 
 class Jobs:
@@ -312,7 +305,7 @@ class Jobs:
 
     def _made(self, name: str, words: tuple[str, ...]) -> dict[str, Any]:
         """Run a command; return its JSON object and its model as changes of the card, or the error."""
-        self._show(name, "starting", 0)
+        self._tell(name, {"state": RUNNING, "stage": "starting", "percent": 0})
         with tempfile.TemporaryDirectory(prefix="replant-job-") as folder:
             saved, printed = Path(folder, "model.json"), Path(folder, "printed.json")
             with printed.open("wb") as output:
@@ -328,13 +321,10 @@ class Jobs:
                 end(process)
             last = self._listen(name, process)
             if process.wait() or not saved.is_file():
-                error = last.removeprefix(_SAID) or f"the command ended with code {process.returncode}"
+                error = last.removeprefix("replant: ") or f"the command ended with code {process.returncode}"
                 return {"state": FAILED, "error": error}
             found, model = json.loads(printed.read_text(encoding="utf-8")), saved.read_text(encoding="utf-8")
             return {"state": DONE, "found": found, "model": model, "percent": 100}
-
-    def _show(self, name: str, stage: str, percent: int) -> None:
-        self._tell(name, {"state": RUNNING, "stage": stage, "percent": percent})
 
     def _listen(self, name: str, process: subprocess.Popen[str]) -> str:
         """Report the progress until the command ends; return the last line of another kind."""
@@ -344,7 +334,7 @@ class Jobs:
             for line in process.stderr:
                 found = _PROGRESS.fullmatch(line.strip())
                 if found:
-                    self._show(name, found[1], int(found[2]))
+                    self._tell(name, {"state": RUNNING, "stage": found[1], "percent": int(found[2])})
                 elif line.strip():
                     last = line.strip()
         return last

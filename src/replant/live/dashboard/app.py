@@ -26,8 +26,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from replant.errors import ReplantError
 from replant.live.dashboard.security import HEADERS, Guard, most_connections
 from replant.report.findings import VERDICTS
+from replant.report.page_frame import SIGNS, uplot
 from replant.report.page_frame import asset as report_asset
-from replant.report.page_frame import uplot
 
 #: The commands that a page may send to the identification.
 COMMANDS = ("freeze", "adapt", "reset")
@@ -110,26 +110,22 @@ HISTORY_PERIOD = 1.0  # time between two messages of history and responses, whic
 LOOK = 0.05  # time between two checks for a newer view [s]
 MOST_WATCHING = 256  # most simultaneous browsers [count]
 _OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008  # close codes of a websocket [number]
+PAGE = "index.html"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_SCRIPTS = ("dashboard", "verdict", "sign", "inputs", "model", "plane", "span", "signals", "responses", "parameters")
-_OWN = (*(f"{name}.js" for name in _SCRIPTS), "frame.css", "dashboard.css", "icon.svg")
 _OF_REPORT = ("chart.js", "format.js", "palette.css")  # shared with the report
 
 
 def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starlette:
     """Return the dashboard of ``hub`` as an ASGI application."""
-    return page_app(_own("index.html"), dashboard_assets(), _routes(hub), token=token, hosts=hosts)
+    return page_app("replant.live.dashboard", _routes(hub), token=token, hosts=hosts)
 
 
 def page_app(
-    page: bytes,
-    assets: dict[str, bytes],
-    routes: Sequence[Route | WebSocketRoute],
-    *,
-    token: str | None,
-    hosts: tuple[str, ...],
+    package: str, routes: Sequence[Route | WebSocketRoute], *, token: str | None, hosts: tuple[str, ...]
 ) -> Starlette:
-    """Return an application of a page, its assets and further routes, with the access control of every page."""
+    """Return an application of a package's page, its assets and further routes, with the access control of all."""
+    assets = dashboard_assets() | assets_of(package)
+    page = resources.files(package).joinpath("assets", PAGE).read_bytes()
 
     async def index(_: Request) -> Response:
         return Response(page, media_type="text/html")
@@ -259,15 +255,18 @@ def _plants(model: dict[str, Any]) -> str:
     return f"TransferFunction(num={num}, den={den}, delay={float(model['delay'])})"
 
 
-def _own(name: str) -> bytes:
-    return resources.files("replant.live.dashboard").joinpath("assets", name).read_bytes()
+def assets_of(package: str) -> dict[str, bytes]:
+    """Return the files that a package's page loads, by name."""
+    files = resources.files(package).joinpath("assets").iterdir()
+    return {each.name: each.read_bytes() for each in files if each.name != PAGE}
 
 
 @cache
 def dashboard_assets() -> dict[str, bytes]:
     """Return all files that the page loads, by name."""
-    found = {name: _own(name) for name in _OWN} | {name: report_asset(name).encode() for name in _OF_REPORT}
+    found = assets_of("replant.live.dashboard") | {name: report_asset(name).encode() for name in _OF_REPORT}
     words = {status: [each.gravity, each.headline, each.text] for status, each in VERDICTS.items()}  # the report's
-    found["words.js"] = f"export const VERDICTS = new Map(Object.entries({json.dumps(words)}));\n".encode()
+    told = f"new Map(Object.entries({json.dumps(words)}));\nexport const SIGNS = {json.dumps(SIGNS)}"
+    found["words.js"] = f"export const VERDICTS = {told};\n".encode()
     found["uPlot.js"], found["uPlot.css"] = (text.encode() for text in uplot())
     return found

@@ -110,13 +110,13 @@ function paintShapes() {
   plots.step.draw(first?.step.t ?? [], of("step", "y", "wide"));
   plots.size.draw(shapes.omega ?? [], of("bode", "size", "wide"));
   plots.phase.draw(shapes.omega ?? [], of("bode", "phase", "turn"));
-  const poles = names().flatMap((card, i) => (card && shapes.models[card.name]?.poles.map((pole, k) => ({ ...pole, role: ROLES[i], covariance: regionOf(shapes.models[card.name], pole, k) }))) || []);
+  const poles = names().flatMap((card, i) => (card && shapes.models[card.name]?.poles.map(pole => ({ ...pole, role: ROLES[i] }))) || []);
   const zeros = names().flatMap((card, i) => (card && shapes.models[card.name]?.zeros.map(zero => ({ ...zero, role: ROLES[i] }))) || []);
-  plane.draw({ poles, zeros, pole_covariance: poles.map(pole => pole.covariance) });
+  plane.draw({ poles, zeros, pole_covariance: poles.map(regionOf) });
 }
 const sum = (a, b) => (a === null || b === null ? null : a + b);
 /** The region of a pole; none where it is less well known than its size, as it would hide all others. */
-const regionOf = (model, pole) => model.regions.filter(({ covariance: c }) => c[0][0] !== null && c[0][0] + c[1][1] < pole.real ** 2 + pole.imag ** 2).find(region => Math.abs(region.real - pole.real) < 1e-9 * (1 + Math.abs(pole.real)) && Math.abs(region.imag - pole.imag) < 1e-9 * (1 + Math.abs(pole.imag)))?.covariance ?? null;
+const regionOf = ({ real, imag, covariance: c }) => (c && c[0][0] !== null && c[0][0] + c[1][1] < real ** 2 + imag ** 2 ? c : null);
 
 function paintVerdicts() {
   const items = names().filter(Boolean).map(card => ({ card, here: found?.models[card.name] }));

@@ -1,7 +1,7 @@
 // The models: what is asked for, and a card for each.
 import { act, at, check, element, fill, keep, kept, keyed, log, state, write } from "./page.js";
 import { ROLES } from "./curves.js";
-import { drawSign } from "/assets/sign.js";
+import { drawSign } from "/assets/served.js";
 import { typeset } from "/assets/model.js";
 import { count, number, percent, share } from "/assets/format.js";
 

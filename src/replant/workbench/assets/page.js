@@ -1,7 +1,7 @@
 // The state of the session, which lives on the server: how it comes, how the page asks and acts, and what the address keeps.
+import { answered as fetched, at, connection, download, element, say, write } from "/assets/served.js";
 
-const at = id => document.getElementById(id);
-export { at };
+export { at, download, element, say, write };
 
 export const state = { session: null, open: false };
 let sent = 0, known = 0; // actions that are not answered yet; revision of the session that the newest answer told, of this connection
@@ -12,20 +12,7 @@ const draw = () => { for (const listener of listeners) listener(state.session); 
 /** Whether the session that is here knows all that this page has sent: before it does, it must not undo what was chosen. */
 export const isCurrent = () => !sent && state.session.revision >= known;
 
-// --- elements ---
-/** An element with attributes, properties of `on...` and children; texts stay texts. */
-export function element(tag, attributes = {}, ...children) {
-  const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) {
-    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
-    else if (value === true) made.setAttribute(name, "");
-    else if (value !== false && value !== null && value !== undefined) made.setAttribute(name, value);
-  }
-  made.append(...children);
-  return made;
-}
-
-export const write = (place, text) => { if (place.textContent !== text) place.textContent = text; };
+// --- fields ---
 /** Set a field, unless somebody is typing there, or what was chosen there is on its way. */
 export const fill = (field, value) => { if (isCurrent() && !(document.activeElement === field && field.type === "text") && field.value !== value) field.value = value; };
 /** Check a box or a circle, or not, unless what was chosen there is on its way. */
@@ -68,22 +55,7 @@ export function keep(changes) {
 }
 
 // --- asking and acting ---
-export function say(text) {
-  at("notice").hidden = !text;
-  write(at("notice"), text);
-}
-
-async function answered(path, options) {
-  try {
-    const answer = await fetch(path, options);
-    if (answer.ok) return answer;
-    say((await answer.text()).trim() || `The server answered ${answer.status}.`);
-  } catch (error) {
-    if (error.name === "AbortError") return null;
-    say("The server cannot be reached: is replant open still running?");
-  }
-  return null;
-}
+const answered = (path, options) => fetched(path, options, "The server cannot be reached: is replant open still running?");
 
 let last = Promise.resolve();
 /** Do something to the session, after what was asked before; its new state comes by itself. */
@@ -124,12 +96,6 @@ export const log = () => state.session?.logs.find(each => each.name === state.se
 /** Change what was chosen for the log that is shown. */
 export const choose = setup => act("setup", { log: log().name, setup });
 
-export function download(blob, name) {
-  const url = URL.createObjectURL(blob);
-  element("a", { href: url, download: name }).click();
-  setTimeout(() => URL.revokeObjectURL(url), 60_000);
-}
-
 /** Call a function a moment after the last of many calls. */
 export function later(wait, call) {
   let timer = 0;
@@ -137,31 +103,27 @@ export function later(wait, call) {
 }
 
 // --- the connection ---
-const FIRST = 250, LONGEST = 8_000; // ms, pauses before connecting again
-let socket = null, wait = FIRST, timer = 0;
+const LONGEST = 8_000; // ms, pause before connecting again
 
 function showLink(stateOf, text) {
   at("link").dataset.state = stateOf;
   write(at("link").querySelector("span"), text);
 }
 
-export function connect() {
-  clearTimeout(timer);
-  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
-  socket.onmessage = event => {
-    const message = JSON.parse(event.data);
-    if (!state.open) { state.open = true; known = 0; wait = FIRST; say(""); showLink("connected", "connected"); }
-    if (!message.view) return;
-    state.session = message.view;
-    draw();
-  };
-  socket.onclose = event => {
-    state.open = false;
-    if ([1000, 1001, 1012].includes(event.code)) {  // as it closes itself, or as the server does that stops
-      showLink("ended", "ended");
-      say("The workbench has ended; the session is kept. Start it again with replant open: this page then comes back.");
-    } else showLink("reconnecting", "reconnecting");
-    timer = setTimeout(connect, wait * (0.75 + Math.random() / 2));
-    wait = Math.min(2 * wait, LONGEST);
-  };
+function told(message) {
+  if (!state.open) { state.open = true; known = 0; say(""); showLink("connected", "connected"); }
+  if (!message.view) return;
+  state.session = message.view;
+  draw();
 }
+
+function closed(code) {
+  state.open = false;
+  if ([1000, 1001, 1012].includes(code)) {  // as it closes itself, or as the server does that stops
+    showLink("ended", "ended");
+    say("The workbench has ended; the session is kept. Start it again with replant open: this page then comes back.");
+  } else showLink("reconnecting", "reconnecting");
+  return true;
+}
+
+export const connect = () => connection(LONGEST, told, closed);

@@ -1,5 +1,6 @@
 // The page: views, logs that are opened or dropped, and what is drawn when the session changes.
 import { readColours } from "/assets/chart.js";
+import { foldable, forgetToken, whenDark } from "/assets/served.js";
 readColours();
 const { act, at, connect, element, fill, keep, kept, log, say, send, state, whenever, write } = await import("./page.js");
 const { drawData, repaintData } = await import("./data.js");
@@ -82,16 +83,10 @@ addEventListener("drop", event => {
 });
 
 // --- menu ---
-const menu = at("session");
-document.addEventListener("click", event => { if (!menu.contains(event.target) || event.target.closest("li")) menu.open = false; });
-menu.addEventListener("keydown", event => {
-  if (event.key !== "Escape" || !menu.open) return;
-  menu.open = false;
-  menu.querySelector("summary").focus();
-});
+foldable(at("session"));
 
 // --- start ---
-if (new URLSearchParams(location.search).has("token")) history.replaceState(null, "", location.pathname + location.hash); // it is in a cookie now
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { readColours(); repaintData(); repaintCompare(); });
+forgetToken();
+whenDark(() => { repaintData(); repaintCompare(); });
 view(kept().get("view") ?? "data");
 connect();

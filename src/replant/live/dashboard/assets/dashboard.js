@@ -4,14 +4,13 @@ import { inputChoice } from "./inputs.js";
 import { fillModes, typeset } from "./model.js";
 import { splane } from "./plane.js";
 import { dragging, readColours } from "./chart.js";
+import { answered, at, connection, download, element, foldable, forgetToken, say, whenDark, write } from "./served.js";
 import { parameterPlots } from "./parameters.js";
 import { bodePlots, stepPlot } from "./responses.js";
 import { signalPlots } from "./signals.js";
 import { timeSpan } from "./span.js";
 import { drawVerdict } from "./verdict.js";
 
-const at = id => document.getElementById(id);
-const write = (place, text) => { if (place.textContent !== text) place.textContent = text; };
 const page = { view: null, history: null, slow: {}, shown: {}, paused: false, due: false, acting: false };
 
 // --- figures ---
@@ -38,12 +37,6 @@ function nameSignals({ input_label: input, output_label: output }) {
   write(at("output-name"), output && output !== "output" ? output : "");
 }
 
-function small(place, [value, std]) {
-  const note = document.createElement("small");
-  note.textContent = std;
-  place.replaceChildren(value + " ", note);
-}
-
 // --- drawing: the newest view, at most once a frame, and only while the page is visible ---
 const span = timeSpan(at("span"), ask);
 const time = signalPlots(span), bode = bodePlots(ask), step = stepPlot(ask), parameters = parameterPlots(at("multiples"), span);
@@ -64,7 +57,8 @@ function draw() {
   write(at("fit"), percent(view.simulated));
   nameSignals(view);
   at("main").dataset.truth = one.truth ? "yes" : "no";
-  small(at("gain"), uncertain(one.dc_gain, one.dc_gain_std));
+  const [gain, std] = uncertain(one.dc_gain, one.dc_gain_std);
+  at("gain").replaceChildren(gain + " ", element("small", {}, std));
   fillModes(at("modes"), one);
   time.draw(view);
   bode.draw(one);
@@ -84,9 +78,9 @@ function ask() {
 // --- the connection ---
 const LINKS = { connected: "connected", connecting: "connecting to the source", waiting: "source lost, trying again", ended: "source has ended" };
 const OVER = 1000; // the code with which the server closes the websocket when the session has ended
-const FIRST = 250, LONGEST = 60_000; // ms, pauses before connecting again
+const LONGEST = 60_000; // ms, pause before connecting again
 const SILENT = 15_000; // ms without a view, of which five come a second, after which the session is not heard any more
-let socket = null, wait = FIRST, open = false, over = false, timer = 0, heard = 0;
+let open = false, over = false, heard = 0;
 
 /** Why the page shows the past: "over", "lost" or "silent"; empty while it shows the present. */
 function apartFrom() {
@@ -111,37 +105,28 @@ function showLink() {
   at("adapt").disabled = at("reset").disabled || view.status === "starting"; // there is nothing to freeze yet
 }
 
-function connect() {
-  clearTimeout(timer);
-  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
-  socket.onmessage = event => {
-    const message = JSON.parse(event.data);
-    if (!open) { open = true; wait = FIRST; say(""); }
-    heard = performance.now();
-    if (message.view) page.view = message.view;
-    if (message.history) page.history = message.history;
-    if (message.slow) page.slow = message.slow;
-    if (page.paused) showLink();
-    else ask();
-  };
-  socket.onclose = event => {
-    open = false;
-    over = event.code === OVER;
-    showLink();
-    if (page.view) drawVerdict(page.view, apartFrom());
-    if (over) say("The session has ended. Reload this page when a new session has started.");
-    else if (!document.hidden) {
-      timer = setTimeout(connect, wait * (0.75 + Math.random() / 2));
-      wait = Math.min(2 * wait, LONGEST);
-    }
-  };
+function told(message) {
+  if (!open) { open = true; say(""); }
+  heard = performance.now();
+  if (message.view) page.view = message.view;
+  if (message.history) page.history = message.history;
+  if (message.slow) page.slow = message.slow;
+  if (page.paused) showLink();
+  else ask();
+}
+
+function closed(code) {
+  open = false;
+  over = code === OVER;
+  showLink();
+  if (page.view) drawVerdict(page.view, apartFrom());
+  if (over) say("The session has ended. Reload this page when a new session has started.");
+  return !over && !document.hidden;
 }
 
 /** Connect at once after a pause: the page is visible again, or the network is back. */
 function comeBack() {
-  if (open || over || document.hidden || socket.readyState !== WebSocket.CLOSED) return;
-  wait = FIRST;
-  connect();
+  if (!open && !over && !document.hidden) server.again();
 }
 
 setInterval(() => {
@@ -151,20 +136,10 @@ setInterval(() => {
 }, 1000);
 
 // --- actions ---
-function say(text) {
-  at("notice").hidden = !text;
-  write(at("notice"), text);
-}
-
 async function post(path) {
-  try {
-    const answer = await fetch(path, { method: "POST" });
-    if (answer.ok) { say(""); return answer; }
-    say((await answer.text()).trim() || `The server answered ${answer.status}.`);
-  } catch {
-    say("The server cannot be reached: the command was not executed.");
-  }
-  return null;
+  const answer = await answered(path, { method: "POST" }, "The server cannot be reached: the command was not executed.");
+  if (answer) say("");
+  return answer;
 }
 
 at("pause").addEventListener("click", () => {
@@ -189,13 +164,7 @@ at("reset").addEventListener("click", () => { sure.returnValue = "no"; sure.show
 sure.addEventListener("close", () => { if (sure.returnValue === "yes") act("reset"); });
 
 const menu = at("save");
-document.addEventListener("click", event => { if (!menu.contains(event.target)) menu.open = false; });
-menu.addEventListener("keydown", event => {
-  if (event.key !== "Escape" || !menu.open) return;
-  menu.open = false;
-  menu.querySelector("summary").focus();
-});
-menu.querySelectorAll("a").forEach(link => link.addEventListener("click", () => { menu.open = false; }));
+foldable(menu);
 
 at("report").addEventListener("click", async () => {
   at("report").disabled = true;
@@ -203,20 +172,13 @@ at("report").addEventListener("click", async () => {
   menu.querySelector("summary").focus();
   say("The report is being made…");
   const answer = await post("/report");
-  if (answer) {
-    const link = document.createElement("a"), url = URL.createObjectURL(await answer.blob());
-    Object.assign(link, { href: url, download: "report.html" }).click();
-    setTimeout(() => URL.revokeObjectURL(url), 60_000);
-  }
+  if (answer) download(await answer.blob(), "report.html");
   at("report").disabled = false;
 });
 
 // --- start ---
-if (new URLSearchParams(location.search).has("token")) history.replaceState(null, "", location.pathname); // it is in a cookie now
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-  readColours();
-  for (const chart of [...time.charts, ...bode.charts, ...step.charts, ...parameters.charts]) chart.repaint();
-});
+forgetToken();
+whenDark(() => { for (const chart of [...time.charts, ...bode.charts, ...step.charts, ...parameters.charts]) chart.repaint(); });
 document.addEventListener("visibilitychange", () => { ask(); comeBack(); });
 addEventListener("online", comeBack);
-connect();
+const server = connection(LONGEST, told, closed);

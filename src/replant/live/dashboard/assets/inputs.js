@@ -1,4 +1,5 @@
 // Of several inputs the one whose G(s), poles and responses are shown: a button for each.
+import { element } from "./served.js";
 
 /** The buttons of a toolbar, which is hidden where there is one input, choose it. */
 export function inputChoice(bar, changed) {
@@ -9,10 +10,7 @@ export function inputChoice(bar, changed) {
     bar.dataset.names = names.join("\n");
     bar.querySelectorAll("button").forEach(button => button.remove());
     names.forEach((name, i) => {
-      const button = document.createElement("button");
-      Object.assign(button, { type: "button", textContent: name });
-      button.addEventListener("click", () => { chosen = i; press(); changed(); });
-      bar.append(button);
+      bar.append(element("button", { type: "button", onclick: () => { chosen = i; press(); changed(); } }, name));
     });
     press();
   };

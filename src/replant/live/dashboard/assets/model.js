@@ -1,13 +1,14 @@
 // G(s), typeset, and the table of its poles.
 import { known, number, parts, share, tick } from "./format.js";
+import { element } from "./served.js";
 
 const MATH = "http://www.w3.org/1998/Math/MathML";
 const LINE = 46; // digits that a line of a polynomial may be wide
 
 function math(tag, ...children) {
-  const element = document.createElementNS(MATH, tag);
-  element.append(...children);
-  return element;
+  const made = document.createElementNS(MATH, tag);
+  made.append(...children);
+  return made;
 }
 
 function figure(value) {
@@ -46,10 +47,7 @@ function polynomial(coefficients) {
 export function typeset(room, view) {
   const usable = [view.num, view.den].every(p => p?.length && p.every(known)) && view.den.some(value => value !== 0);
   if (!usable) {
-    const nothing = document.createElement("p");
-    nothing.className = "nothing";
-    nothing.textContent = "No model yet";
-    room.replaceChildren(nothing);
+    room.replaceChildren(element("p", { class: "nothing" }, "No model yet"));
     return;
   }
   const num = polynomial(view.num), den = polynomial(view.den);
@@ -67,13 +65,8 @@ export function typeset(room, view) {
 
 /** A cell with a value and, below it, its standard deviation in percent. */
 function cell(value, unit = "", std = NaN) {
-  const element = document.createElement("td"), small = document.createElement("small");
-  element.append(known(value) ? `${number(value)} ${unit}` : String(value));
-  if (known(std) && known(value) && value) {
-    small.textContent = `± ${share(Math.abs(std / value))}`;
-    element.append(small);
-  }
-  return element;
+  const spread = known(std) && known(value) && value ? [element("small", {}, `± ${share(Math.abs(std / value))}`)] : [];
+  return element("td", {}, known(value) ? `${number(value)} ${unit}` : String(value), ...spread);
 }
 
 const spread = (slope, c) => {
@@ -86,19 +79,11 @@ export function fillModes(body, view) {
   const rows = [];
   view.poles?.forEach(({ real: x, imag: y }, i) => {
     if (!known(x) || !known(y) || y < 0) return;
-    const c = view.pole_covariance?.[i] ?? [[NaN, NaN], [NaN, NaN]], size = Math.hypot(x, y), row = document.createElement("tr");
-    const head = document.createElement("th");
-    head.scope = "row";
-    head.textContent = y ? `${number(x, 3)} ± ${number(y, 4)}i` : number(x, 4);
-    row.append(head);
-    if (y) {
-      row.append(cell(size / 2 / Math.PI, "Hz", spread([x / size, y / size], c) / 2 / Math.PI));
-      row.append(cell(-x / size, "", spread([-(y ** 2) / size ** 3, x * y / size ** 3], c)));
-    } else {
-      row.append(x ? cell(-1 / x, "s", spread([1 / x ** 2, 0], c)) : cell("∞"));
-      row.append(cell(x < 0 ? "real" : x > 0 ? "unstable" : "integrator"));
-    }
-    rows.push(row);
+    const c = view.pole_covariance?.[i] ?? [[NaN, NaN], [NaN, NaN]], size = Math.hypot(x, y);
+    const cells = y
+      ? [cell(size / 2 / Math.PI, "Hz", spread([x / size, y / size], c) / 2 / Math.PI), cell(-x / size, "", spread([-(y ** 2) / size ** 3, x * y / size ** 3], c))]
+      : [x ? cell(-1 / x, "s", spread([1 / x ** 2, 0], c)) : cell("∞"), cell(x < 0 ? "real" : x > 0 ? "unstable" : "integrator")];
+    rows.push(element("tr", {}, element("th", { scope: "row" }, y ? `${number(x, 3)} ± ${number(y, 4)}i` : number(x, 4)), ...cells));
   });
   body.replaceChildren(...rows);
 }

@@ -1,6 +1,7 @@
 // The parameters over the whole run, one small plot for each.
 import { known, lowered, tick, timeLabel, uncertain } from "./format.js";
 import { chart, colour, edge, extent, line, seen, steady, ticksOf, truth } from "./chart.js";
+import { element } from "./served.js";
 import { TIMES } from "./span.js";
 
 /** One small plot a parameter, over the whole run. */
@@ -22,16 +23,9 @@ export function parameterPlots(room, span) {
 }
 
 function parameterPlot(room, name, i, span) {
-  const figure = document.createElement("figure"), head = document.createElement("figcaption"), place = document.createElement("div");
-  const title = document.createElement("h3"), value = document.createElement("b"), std = document.createElement("small");
-  title.textContent = lowered(name);
-  title.title = name;
-  head.append(title, value, std);
-  place.className = "plot small";
-  place.setAttribute("role", "img");
-  place.setAttribute("aria-label", `Parameter ${name} over the whole run, with a band of two standard deviations`);
-  figure.append(head, place);
-  room.append(figure);
+  const value = element("b"), std = element("small"), said = `Parameter ${name} over the whole run, with a band of two standard deviations`;
+  const place = element("div", { class: "plot small", role: "img", "aria-label": said });
+  room.append(element("figure", {}, element("figcaption", {}, element("h3", { title: name }, lowered(name)), value, std), place));
   const fit = steady(0.1, 0.4);
   let ends = [0, 1], at = [0, 1], rows = [[], [], [], [], []], now = [null, null];
   const one = chart(place, {

@@ -22,7 +22,7 @@ function tinted({ role }, element) {
 }
 
 /** Where axis ticks lie: about that many, at 1, 2 or 5 times a power of ten. */
-function ticks(low, high, about) {
+export function ticks(low, high, about) {
   const rough = (high - low) / about, power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map(m => m * power).find(candidate => candidate >= rough), found = [];
   for (let at = Math.ceil(low / step) * step; at <= high + 1e-9 * step; at += step) found.push(Math.abs(at) < 1e-9 * step ? 0 : at);

@@ -1,10 +1,11 @@
 // The responses of the model: magnitude and phase over frequency, and the step response; each with its band.
 import { number, tick, timeLabel } from "./format.js";
 import { chart, colour, edge, extent, labelled, legend, line, seen, steady, ticksOf, truth, unlabelled, zoom } from "./chart.js";
+import { ticks } from "./plane.js";
+import { at } from "./served.js";
 import { TIMES } from "./span.js";
 
 export const DEGREES = [1, 5, 10, 15, 30, 45, 90, 180, 360];
-const at = id => document.getElementById(id);
 const keyPlace = name => document.querySelector(`[data-for="${name}"]`);
 const band = { series: [3, 4], fill: () => colour("model") + "40" };
 const isDecade = value => value > 0 && Math.abs(value / 10 ** Math.round(Math.log10(value)) - 1) < 1e-6;
@@ -22,9 +23,7 @@ export function logTicks(plot, _, low, high) {
   for (let power = Math.floor(Math.log10(low)); power <= Math.ceil(Math.log10(high)); power++) {
     for (const m of [1, 2, 5]) if (m * 10 ** power >= 0.999 * low && m * 10 ** power <= 1.001 * high) found.push(m * 10 ** power);
   }
-  if (found.length > 2) return found;
-  const rough = (high - low) / 4, step = [1, 2, 5, 10].map(m => m * 10 ** Math.floor(Math.log10(rough))).find(candidate => candidate >= rough);
-  return Array.from({ length: Math.floor(high / step) - Math.ceil(low / step) + 1 }, (_, i) => (Math.ceil(low / step) + i) * step);
+  return found.length > 2 ? found : ticks(low, high, 4);
 }
 
 export const decades = (_, ticks) => {

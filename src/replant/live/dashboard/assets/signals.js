@@ -1,9 +1,9 @@
 // Measured and simulated output, residual, reference and input over the newest samples; time counts back from the newest.
 import { number, tick, timeLabel } from "./format.js";
 import { chart, extent, labelled, legend, line, seen, steady, unlabelled } from "./chart.js";
+import { at } from "./served.js";
 import { TIMES } from "./span.js";
 
-const at = id => document.getElementById(id);
 const keyPlace = name => document.querySelector(`[data-for="${name}"]`);
 
 /** Whether at least half of one range lies inside another: a set-point then belongs beside the output that follows it. */

@@ -1,9 +1,6 @@
 // The verdict: a sentence, a colour and a shape; its reasons in a place of fixed height, which a button opens.
-import { drawSign } from "./sign.js";
+import { at, drawSign, write } from "./served.js";
 import { VERDICTS } from "./words.js";
-
-const at = id => document.getElementById(id);
-const write = (place, text) => { if (place.textContent !== text) place.textContent = text; };
 
 // shown instead of the verdict while no views arrive: the last verdict was about the past
 const APART = {
