@@ -241,12 +241,12 @@ def compare_command(methods: tuple[str, ...], **options: Any) -> None:
     if all(entry.result is None for entry in contenders):
         raise InvalidArgumentError(f"no method found a model; {contenders[0].name}: {contenders[0].problem}")
     if options["as_json"]:
-        named = [
-            entry if (found := entry.result) is None
-            else dataclasses.replace(entry, result=dataclasses.replace(found, model=results.kept(found.model, log)))
+        named = {
+            entry.name: {"problem": entry.problem} if (found := entry.result) is None
+            else as_text.as_json(dataclasses.replace(found, model=results.kept(found.model, log)))
             for entry in contenders
-        ]  # fmt: skip
-        click.echo(json.dumps(as_text.comparison_as_json(named), allow_nan=False))
+        }  # fmt: skip
+        click.echo(json.dumps(named, allow_nan=False))
     else:
         as_text.print_comparison(terminal(), contenders, request.structure, len(log))
     if out is not None:

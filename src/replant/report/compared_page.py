@@ -48,8 +48,8 @@ def reference_of(contenders: Sequence[Contender]) -> str:
 
 
 def swatches_of(names: Iterable[str]) -> dict[str, str]:
-    """Return a sample of each method's line in the figures."""
-    return {name: _swatch(*line) for name, line in zip(names, style.LINES, strict=False)}
+    """Return each method's name as HTML behind a sample of its line in the figures."""
+    return {name: _swatch(*line) + html.escape(name) for name, line in zip(names, style.LINES, strict=False)}
 
 
 def _swatch(colour: str, dashes: Any, width: float = 2.4) -> str:
@@ -73,7 +73,7 @@ def pictures(
         axes = [blank_figure(page.HALF, height).subplots() for _ in words]
         draw(axes)
         drawn = "".join(page.svg(axis.figure, *each) for axis, each in zip(axes, words.items(), strict=True))
-    entries = "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in swatches_of(names).items())
+    entries = "".join(f"<li>{name}</li>" for name in swatches_of(names).values())
     return (
         f'<figure><ul class="lines">{first}{entries}</ul><div class="panels">{drawn}</div>'
         f"<figcaption>{html.escape(caption)}</figcaption></figure>"
@@ -199,15 +199,13 @@ def _html_table(contenders: Sequence[Contender], labels: Sequence[str], samples:
     rows = []
     for entry in contenders:
         status, *cells = cells_of(entry, len(labels))
-        name = page.Html(swatches.get(entry.name, none) + html.escape(entry.name))
+        name = page.Html(swatches.get(entry.name, none + html.escape(entry.name)))
         verdict = page.Html(f'<span class="status">{page.icon(gravity_of(entry, samples))}{html.escape(status)}</span>')
         outcome = [cell.replace(" ", page.NO_BREAK) for cell in cells[: len(OUTCOME) - 1]]
         rows.append([name, verdict, *outcome, *(page.Html(page.in_small(cell)) for cell in cells[len(outcome) :])])
     headings = ("method", "verdict", "simulated fit", "one-step fit", "time", *labels)
-    return (
-        page.table(headings, rows, "Methods compared", "table wide methods")
-        + '<p class="note">Estimate ± standard deviation, if the method gives one.</p>'
-    )
+    listed = page.table(headings, rows, "Methods compared", "table wide methods")
+    return listed + page.note("Estimate ± standard deviation, if the method gives one.")
 
 
 def _remarks(contenders: Sequence[Contender], samples: int) -> str:
@@ -371,7 +369,7 @@ def write_models(path: Path, comparison: ModelComparison, command: str = "") -> 
     log, results, best_of = comparison.log, results_of(comparison.contenders), comparison.best
     found, swatches = comparison.validations[best_of], swatches_of(results)
     said = f"{best_of} follows the record best: {percent(found.fit)}, {found.verdict.status}."
-    rows = [[page.Html(swatches[name] + html.escape(name)), *rest] for name, *rest in comparison.rows]
+    rows = [[page.Html(swatches[name]), *rest] for name, *rest in comparison.rows]
     listed = page.table(HEADINGS, rows, "Models compared", "table wide methods")
     reasons = "".join(
         f"<li><div><b>{html.escape(name)}:</b> {html.escape(each.verdict.reasons[0])}</div></li>"

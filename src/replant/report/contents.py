@@ -41,7 +41,7 @@ from replant.plotting.numbers import (
 )
 from replant.plotting.over_time import Panel
 from replant.report.findings import Excitation, excitation
-from replant.report.page_frame import facts, table
+from replant.report.page_frame import facts, note, table
 from replant.report.panels import estimate_panels, excitation_panels, first_estimate, fit_panels, regions
 from replant.report.results_as_text import POLE, modes_of, stds_of
 
@@ -136,23 +136,24 @@ NO_STD = "This estimator gives no standard deviations."
 PACKAGES = ("replant", "numpy", "scipy", "matplotlib")
 
 
-def coefficients(material: Material) -> str:
-    """Return the table of coefficients with units, standard deviations and, if known, true values."""
-    result, known = material.result, material.result.uncertainty
-    headings = ["coefficient", "estimate" if known is None else "estimate ± std"]
-    rows = estimates(result.model, material.plant_label, material.log.output_name)
-    if material.truth is not None:
+def coefficients(parts: Iterable[tuple[str, Model, str, str]], truth: Sequence[float] | None = None) -> str:
+    """Return the table of coefficients with units, standard deviations and, if known, true values.
+
+    A part is what stands before its coefficients' symbols, the model, and the labels of its input and output.
+    """
+    headings, rows, values, stds = ["coefficient", "estimate"], list[list[str]](), list[float](), list[float | None]()
+    for before, model, *labels in parts:
+        rows += [[before + symbol] for symbol in symbols(model.structure, *labels)]
+        values, stds = values + model.parameters.tolist(), stds + stds_of(model)
+    known = any(std is not None for std in stds)
+    for row, value, std in zip(rows, values, stds, strict=True):
+        row.append(uncertain(value, std))
+    if truth is not None:
         headings += ["true", "off by"]
-        for row, value, true in zip(rows, result.parameters.tolist(), material.truth, strict=True):
+        for row, value, true in zip(rows, values, truth, strict=True):
             row += [number(float(true)), off_by(value, float(true)).replace("-", MINUS)]
-    note = NO_STD if known is None else UNCERTAIN
-    return table(headings, rows, "Coefficients") + f'<p class="note">{note}</p>'
-
-
-def estimates(model: Model, input_label: str, output_label: str) -> list[list[str]]:
-    """Return each coefficient's symbol with its unit, and its estimate with its standard deviation if known."""
-    values = map(uncertain, model.parameters.tolist(), stds_of(model))
-    return [[*each] for each in zip(symbols(model.structure, input_label, output_label), values, strict=True)]
+    headings[1] += " ± std" if known else ""
+    return table(headings, rows, "Coefficients") + note(UNCERTAIN if known else NO_STD)
 
 
 def poles(material: Material) -> str:
@@ -166,7 +167,7 @@ def poles(material: Material) -> str:
 def _zeros(result: Result) -> str:
     zeros = [zero for zero in result.transfer_function.zeros.tolist() if zero.imag >= 0]
     if not zeros:
-        return '<p class="note">No zeros.</p>' if result.structure.zeros == 0 else ""
+        return note("No zeros.") if result.structure.zeros == 0 else ""
     spread = {root: covariance for root, covariance in regions(result.model) if np.isfinite(covariance).all()}
     rows = []
     for zero in sorted(zeros, key=abs):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +118,7 @@ def write_rows(
     of_outputs = [panel for each, which in zip(outputs, numbers, strict=True) for panel in each.panels(which)]
     panels, said = {"fit": [*of_outputs, *outputs[0].inputs]}, _of_fit(outputs)
     models = [model for each in outputs for model in each.pairs.values()]
+    parts = [(f"{_said(model)}: ", model, model.input_name, model.output_name) for model in models]
     with page.look(), np.errstate(all="ignore"):
         plots = page.charts_of(panels)
         fields = {
@@ -131,13 +132,13 @@ def write_rows(
             "left": "".join(_left(each, i, several=several) for i, each in enumerate(outputs)),
             "gains": _gains(models),
             "steps": _pictures(outputs, "step", "Response of {y} to a unit step of {u}", _draw_step, 2.6)
-            + _note("Bands are two standard deviations wide to either side."),
+            + page.note("Bands are two standard deviations wide to either side."),
             "bode": _pictures(outputs, "bode", "Bode diagram from {u} to {y}", _draw_bode, 4.0, 2),
             "poles": _pictures(outputs, "poles", "Poles and zeros from {u} to {y}", _draw_poles, 3.0)
-            + _note("Coloured: 95 % confidence regions. Grey: unstable poles."),
+            + page.note("Coloured: 95 % confidence regions. Grey: unstable poles."),
             "other_logs": section(validations),
             "candidates": candidates,
-            "coefficients": page.folded("Coefficients", _coefficients(models)),
+            "coefficients": page.folded("Coefficients", tables.coefficients(parts)),
             "reproduce": page.folded("How to reproduce this", reproduction(command, python)),
             "origin": page.folded("Record and versions", _origin(outputs)),
         }
@@ -171,9 +172,9 @@ def _said(model: Model) -> str:
 
 
 def _formula(model: Model) -> str:
-    said, formula = html.escape(_said(model)), mathml(model.transfer_function)
-    region = f'<div class="math" tabindex="0" role="region" aria-label="G(s), {said}">{formula}</div>'
-    return f'<div><p class="note">{said}</p>{region}</div>'
+    said, formula = _said(model), mathml(model.transfer_function)
+    region = f'<div class="math" tabindex="0" role="region" aria-label="G(s), {html.escape(said)}">{formula}</div>'
+    return f"<div>{page.note(said)}{region}</div>"
 
 
 def _pictures(
@@ -191,21 +192,20 @@ def _pictures(
     return _matrix(outputs, cells)
 
 
+def _unit(model: Model) -> str:
+    return gain_unit(model.input_name, model.output_name)
+
+
 def _draw_step(axes: Any, model: Model) -> None:
-    axis = model.step().plot(axes[0])
-    axis.set_ylabel(with_unit("step response", gain_unit(model.input_name, model.output_name)))
+    model.step().plot(axes[0]).set_ylabel(with_unit("step response", _unit(model)))
 
 
 def _draw_bode(axes: Any, model: Model) -> None:
-    diagrams.draw_bode({"model": model.bode()}, axes, unit=gain_unit(model.input_name, model.output_name))
+    diagrams.draw_bode({"model": model.bode()}, axes, unit=_unit(model))
 
 
 def _draw_poles(axes: Any, model: Model) -> None:
     draw_poles_of({model.input_name: model}, axes[0])
-
-
-def _note(text: str) -> str:
-    return f'<p class="note">{page.words(text)}</p>'
 
 
 def _of_fit(outputs: Sequence[Output]) -> str:
@@ -232,10 +232,9 @@ def _left(output: Output, place: int, *, several: bool) -> str:
     found, dt, parts = output.correlations, output.log.dt, []
     heading = f"<h3>{html.escape(output.name)}</h3>" if several else ""
     for i, name in enumerate(["", *output.pairs]):
-        axis, each = blank_figure(page.HALF, 2.3).subplots(), found[max(i - 1, 0)]
-        diagrams.draw_correlation(each, dt, axis, name)
-        said = tables.correlation_in_words(each, name)
-        parts.append(drawn(said, page.svg(axis.figure, f"left{place}-{i}", said)))
+        said = tables.correlation_in_words(each := found[max(i - 1, 0)], name)
+        draw = partial(diagrams.draw_correlation, each, dt, name=name)
+        parts.append(drawn(said, page.picture(f"left{place}-{i}", said, (page.HALF, 2.3), draw)))
     return heading + "".join(parts)
 
 
@@ -243,19 +242,9 @@ def _gains(models: Sequence[Model]) -> str:
     rows = []
     for model in models:
         gain, times = gain_and_times(model, uncertain)
-        gain = f"{gain} {gain_unit(model.input_name, model.output_name)}".strip()
+        gain = f"{gain} {_unit(model)}".strip()
         rows.append((_said(model), gain, f"{model.transfer_function.delay:.4g}", "; ".join(times)))
     return page.table(("from, to", "DC gain", "dead time [s]", "time constants [s]"), rows, "Gains")
-
-
-def _coefficients(models: Sequence[Model]) -> str:
-    rows = [
-        (f"{_said(model)}: {label}", estimate)
-        for model in models
-        for label, estimate in tables.estimates(model, model.input_name, model.output_name)
-    ]
-    note = f'<p class="note">{tables.UNCERTAIN}</p>'
-    return page.table(("coefficient", "estimate ± std"), rows, "Coefficients") + note
 
 
 def _origin(outputs: Sequence[Output]) -> str:

@@ -49,8 +49,8 @@ def section(validations: Sequence[tuple[str, Validation]]) -> str:
 
 
 NO_MODEL = "<p>G(s) could not be estimated.</p>"
-DO_NOT_USE = '<p class="note">Do not use this model: see the verdict above.</p>'
-CONTRADICTED = '<p class="note">The samples contradict this model: see the verdict above.</p>'
+DO_NOT_USE = page.note("Do not use this model: see the verdict above.")
+CONTRADICTED = page.note("The samples contradict this model: see the verdict above.")
 BESIDE = 3  # most poles of a G(s) that is short enough to be beside the key figures [count]
 
 
@@ -76,6 +76,7 @@ def write_report(
         python = python or run_as_python(result, log)
     material, found = Material(result, log, filter, preprocess or Preprocess(), truth), findings(result, len(log))
     note = CONTRADICTED if found[0].gravity == BAD else ""
+    part = ("", result.model, material.plant_label, log.output_name)
     with page.look(), np.errstate(all="ignore"):  # values that are not finite are reported as text
         plots = page.charts_of(material.panels)
         fields = {
@@ -89,7 +90,7 @@ def write_report(
             "pole_table": tables.poles(material),
             "other_logs": section(validations),
             "candidates": "" if candidates is None else candidates_of(candidates),
-            "coefficients": page.folded("Coefficients", tables.coefficients(material)),
+            "coefficients": page.folded("Coefficients", tables.coefficients([part], truth)),
             "reproduce": page.folded("How to reproduce this", reproduction(command, python)),
             "origin": page.folded("Record and versions", tables.origin(material)),
         }
@@ -109,8 +110,7 @@ def with_plots(path: Path, template: str, fields: dict[str, str], plots: Any, *,
 def candidates_of(found: SearchResult) -> str:
     """Return the folded table of a search, with a note on the candidates that it omits."""
     tried = page.table(results_as_text.HEADINGS, results_as_text.rows_of(found), "Structures tried", "table wide")
-    rest = f'<p class="note">{page.words(found.rest)}</p>' if found.rest else ""
-    return page.folded("Structures tried", tried + rest)
+    return page.folded("Structures tried", tried + (page.note(found.rest) if found.rest else ""))
 
 
 def _pictures(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:

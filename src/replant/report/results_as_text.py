@@ -246,14 +246,6 @@ VERDICT = 1 + OUTCOME.index("verdict")  # number of its column; the method's is 
 GAP = 2  # spaces between columns of the terminal's table [columns]
 
 
-def comparison_as_json(contenders: Sequence[Contender]) -> dict[str, Any]:
-    """Return the JSON object of `run` by method; ``{"problem": reason}`` for a method that found no model."""
-    return {
-        entry.name: {"problem": entry.problem} if entry.result is None else as_json(entry.result)
-        for entry in contenders
-    }
-
-
 def cells_of(entry: Contender, size: int) -> list[str]:
     """Return the row of a method: verdict, fits, time, and the ``size`` coefficients, with their std if known."""
     result = entry.result
@@ -278,18 +270,16 @@ def print_comparison(console: Any, contenders: Sequence[Contender], structure: S
     from rich.text import Text
 
     headings = ["method", *OUTCOME, *structure.names]
-    columns: list[list[Any]] = [[entry.name for entry in contenders]]
-    columns += [
-        _aligned(column) for column in zip(*(cells_of(entry, structure.size) for entry in contenders), strict=True)
-    ]
+    gravities = [gravity_of(entry, samples) for entry in contenders]
+    cells = zip(*(cells_of(entry, structure.size) for entry in contenders), strict=True)
+    columns: list[list[Any]] = [[entry.name for entry in contenders], *map(_aligned, cells)]
     columns[VERDICT] = [
-        Text(verdict, f"bold {COLOURS[gravity_of(entry, samples)]}")
-        for verdict, entry in zip(columns[VERDICT], contenders, strict=True)
+        Text(verdict, f"bold {COLOURS[gravity]}") for verdict, gravity in zip(columns[VERDICT], gravities, strict=True)
     ]
     print_blocks(console, headings, columns, first.name if (first := best(contenders)) else None)
     console.print()
-    for entry in contenders:
-        if gravity_of(entry, samples) != GOOD:
+    for entry, gravity in zip(contenders, gravities, strict=True):
+        if gravity != GOOD:
             why = entry.problem if entry.result is None else "; ".join(entry.result.verdict.reasons[:1])
             console.print(f"{entry.name}: {why}", style="dim", highlight=False, markup=False)
 
@@ -400,8 +390,7 @@ def print_candidates(console: Any, found: SearchResult) -> None:
 
 def validation_as_json(validation: Validation, source: str) -> dict[str, Any]:
     """Return the JSON object of a validation; unknown figures become null."""
-    auto, cross = validation.outside
-    by_frequency = validation.by_frequency
+    (auto, cross), by_frequency = validation.outside, validation.by_frequency
     return {
         "source": source,
         "fit": {"one_step": finite(validation.one_step), "simulated": finite(validation.fit)},
