@@ -47,10 +47,10 @@ LOOK = 2e-4  # time between two checks for a result that is waited for [s]
 #: Slots that a new state copies from the one that took the samples meanwhile: counters and clock, and the
 #: preprocessing, which is not applied again to samples from the ring.
 MEANWHILE: tuple[Slot[Any], ...] = (
-    *(*REJECTED, State.last_time, State.earlier_stamps, State.earlier_time, State.held_at, State.held_input),
-    *(State.held_output, State.held_time, State.held_reference),
-    *(State.square_input, State.input_offset, State.output_offset),
-)
+    *REJECTED, State.last_time, State.earlier_stamps, State.earlier_time, State.held_at, State.held_input,
+    State.held_output, State.held_time, State.held_reference, State.square_input, State.input_offset,
+    State.output_offset,
+)  # fmt: skip
 IN_REALS = [slot.index for slot in MEANWHILE if isinstance(slot, Real)]
 IN_INTS = [slot.index for slot in MEANWHILE if not isinstance(slot, Real)]
 #: Slots that `revise` may write without a change of the estimate.
