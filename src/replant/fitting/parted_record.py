@@ -10,15 +10,17 @@ from typing import NamedTuple
 
 from replant.estimation.simulation.miso import Row, RowRecord
 from replant.estimation.solver.change_contest import outputs_differ
-from replant.estimation.solver.levels_at_gaps import cost_beside, loads_at_gaps, price
 from replant.estimation.solver.miso_change import Change, Judge, worth_of_lags
 from replant.estimation.solver.record_changes import (
     Modelled,
     Parted,
+    cost_beside,
     find_plant_change,
     is_sure,
+    loads_at_gaps,
     may_have_loads,
     parted,
+    price,
     settled,
 )
 from replant.estimation.solver.solve import Solution, solve

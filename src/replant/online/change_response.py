@@ -23,10 +23,9 @@ from replant.estimation.engine.recent_samples import RecentSamples, variance_of_
 from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
-from replant.estimation.solver.bad_samples import suspicious
 from replant.estimation.solver.change_contest import Claim, Contest, decided, is_sure, odds_of
 from replant.estimation.solver.change_evidence import Known
-from replant.estimation.solver.solve import Solution, solve
+from replant.estimation.solver.solve import Solution, solve, suspicious
 from replant.estimation.solver.srivc_steps import SOONEST, least_since
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
@@ -178,7 +177,8 @@ def of_whole(old: State, settings: Settings, contest: Contest, began: int) -> li
 def kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
     """Return a copy of the kept samples after the first accepted ones, and the number of samples before them."""
     raw = RecentSamples.of(state, STORED)
-    kept = raw.cleaned().missing_where_stuck()
+    kept = raw.cleaned()
+    kept = kept.changed(doubt=np.where(kept.is_stuck, Doubt.MISSING, kept.doubt))
     if state.alarm:  # outputs since are restored: they were outliers of a model that may no longer hold
         since = slice(max(len(kept) - (state.samples - _began(state)), 0), None)
         kept.output[since] = raw.output[since]

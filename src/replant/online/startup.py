@@ -117,8 +117,7 @@ def modelled(
     level = replace(preprocess, input_map="identity")
     if not request.structure.bias:
         level = centre(level, kept.input.copy(), kept.output.copy())
-    at = float(level.input_offset), float(level.output_offset)
-    record = kept.less(*at).record(request.dt, request.input_hold, parted=True)
+    record = _less(kept, level).record(request.dt, request.input_hold, parted=True)
     solution = solve(request.structure, record, given)
     if solution is None:
         return None
@@ -133,7 +132,13 @@ def cleaned(request: Request, kept: RecentSamples) -> tuple[Request, RecentSampl
         return mapped, kept
     output, there = kept.output.copy(), kept.is_measured
     output[there] = without_spikes(output[there])
-    return mapped, kept.with_output(output)
+    return mapped, kept.changed(output=output)
+
+
+def _less(kept: RecentSamples, level: Preprocess) -> RecentSamples:
+    """Return samples with the working point subtracted."""
+    u, y = kept.input - float(level.input_offset), kept.output - float(level.output_offset)
+    return kept.changed(input=u, output=y)
 
 
 def settled(request: Request, kept: RecentSamples) -> Settings:
@@ -153,7 +158,7 @@ def begin(
     if len(kept) > 0:
         if solution is not None:
             initialize(state, settings, solution.found, solution.record)
-        raw = kept.less(float(settings.preprocess.input_offset), float(settings.preprocess.output_offset))
+        raw = _less(kept, settings.preprocess)
         u, y, t = raw.input.copy(), np.where(raw.is_measured, raw.output, math.nan), REGULAR
         if solution is not None:
             y = np.where(solution.is_bad & raw.is_measured, solution.bridged, y)

@@ -156,7 +156,8 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     raw = RecentSamples.of(state).cleaned()
     in_use, intervals = _in_use(raw, state), raw.interval[-max(samples - origin, 1) :][1:]
     kept = in_use.since_last_gap(dt)
-    record, is_well = kept.without_stuck().record(dt, settings.filter.input_hold, parted=True), _is_well(kept)
+    seen = kept.changed(output=np.where(kept.is_stuck, kept.bridged, kept.output))
+    record, is_well = seen.record(dt, settings.filter.input_hold, parted=True), _is_well(kept)
     if is_well and kept.is_stuck.any():  # outputs of a past fault are left out, and the verdict says so
         record = replace(record, measured=record.is_measured & ~kept.is_stuck)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
@@ -187,7 +188,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
 def _of_solution(state: State, settings: Settings) -> Evidence:
     """Return the evidence of a record that has ended and was solved as a whole, as by `fit`."""
     structure, kept = settings.structure, RecentSamples.of(state, STORED)
-    solved = kept.with_output(np.where(kept.is_bridged, kept.bridged, kept.output))
+    solved = kept.changed(output=np.where(kept.is_bridged, kept.bridged, kept.output))
     record = solved.record(settings.dt, settings.filter.input_hold, parted=True)
     begins, intervals = kept.loads, record.intervals
     if kept.is_bridged.any():

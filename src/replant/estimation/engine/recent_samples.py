@@ -127,17 +127,11 @@ class RecentSamples:
                 copy.output[run] = self.bridged[run]
         return copy
 
-    def with_output(self, output: FloatArray) -> RecentSamples:
-        """Return a copy with another output (K,)."""
+    def changed(self, **columns: FloatArray) -> RecentSamples:
+        """Return a copy with other values (K,) in the columns of these names."""
         copy = RecentSamples(self.values.copy())
-        copy.output[:] = output
-        return copy
-
-    def less(self, input_offset: float, output_offset: float) -> RecentSamples:
-        """Return a copy with the working point subtracted."""
-        copy = RecentSamples(self.values.copy())
-        copy.input[:] -= input_offset
-        copy.output[:] -= output_offset
+        for name, values in columns.items():
+            getattr(copy, name)[:] = values
         return copy
 
     def select(self, rows: BoolArray) -> RecentSamples:
@@ -145,16 +139,6 @@ class RecentSamples:
         copy, ends = RecentSamples(self.values[rows]), np.cumsum(self.interval)
         if not rows.all():
             copy.interval[1:] = np.diff(ends[rows])
-        return copy
-
-    def without_stuck(self) -> RecentSamples:
-        """Return the samples with the outputs of a stuck sensor replaced by those that the filters saw."""
-        return self.with_output(np.where(self.is_stuck, self.bridged, self.output))
-
-    def missing_where_stuck(self) -> RecentSamples:
-        """Return the samples with the outputs of a stuck sensor marked as missing."""
-        copy = RecentSamples(self.values.copy())
-        copy.doubt[self.is_stuck] = Doubt.MISSING
         return copy
 
     def since_last_gap(self, dt: float) -> RecentSamples:
