@@ -13,7 +13,7 @@ import numpy as np
 
 from replant.estimation.engine.record import SAME, Record
 from replant.estimation.engine.state import GAP
-from replant.estimation.simulation.auxiliary_model import Branches
+from replant.estimation.simulation.auxiliary_model import Branches, records_of
 from replant.estimation.simulation.miso import Point, Row, Stretch
 from replant.estimation.simulation.miso_exogenous import Law, with_moved
 from replant.estimation.solver.change_contest import HARMLESS
@@ -56,12 +56,10 @@ class Instruments:
     tail: FloatArray  # (LAGS, P + N): instruments of the newest samples
 
     @classmethod
-    def of(
-        cls, row: Row, stretch: Stretch, theta: FloatArray, weights: FloatArray, columns: FloatArray
-    ) -> Instruments | None:
+    def of(cls, row: Row, stretch: Stretch, models: Branches, columns: FloatArray) -> Instruments | None:
         """Return the state after a record's last stretch, given its instruments (K, P + N); None without references."""
-        outside, models = row.outside, row.ended_outside(theta, stretch, weights)
-        if outside is None or models is None:
+        outside = row.outside
+        if outside is None:
             return None
         return cls(outside.law, outside.is_moved, models, outside.inputs[stretch.rows][0], _newest(columns))
 
@@ -77,7 +75,7 @@ class Instruments:
         """Return the state after K samples of inputs and references, and the instruments (LAGS + K, P + N)."""
         law, explained = self.law.follow(np.column_stack([r, u[:, ~self.is_moved]]))
         models, outside = self.models.copy(), with_moved(u, self.is_moved, explained)
-        records = _records(outside - self.origin, intervals)
+        records = records_of(outside - self.origin, intervals)
         _, slopes, _ = models.run(coefficients, weights, records, on=True)
         rows = np.vstack([self.tail, np.column_stack([*slopes, free])])
         return replace(self, law=law, models=models, tail=rows[-LAGS:].copy()), rows
@@ -134,15 +132,15 @@ class RowRecursion:
         plain = np.diag(compose(factor, diagonal))[: theta.size] * variance
         scale = np.sqrt(np.diag(found.covariance) / np.where(plain > 0.0, plain, 1.0))
         known = min(int(stretch.known[-1]) + 1, LAGS) if stretch.measured[-1] else 0
-        tail = _newest(np.column_stack([columns, error]))
+        tail, ended = _newest(np.column_stack([columns, error])), row.ended(theta, stretch, weights)
         return cls(
             theta, weights, found.noise, row.dt, float(np.std(row.record.y[row.record.is_measured])),
             point.power / max(row.count - columns.shape[1], 1), scale,
-            row.ended(theta, stretch, weights), row.inputs[stretch.rows][0], level, 0.0,
+            ended[0], row.inputs[stretch.rows][0], level, 0.0,
             tail, np.zeros(columns.shape[1]), factor, diagonal, np.array([known, row.count, 0, 0]),
             # the last: innovations as large as those of the newest samples raise no alarm
             np.array([point.cost, 0.0, _variance_of(point, stretch, newest)]),
-            Instruments.of(row, stretch, theta, weights, zeta),
+            Instruments.of(row, stretch, ended[-1], zeta),
         )  # fmt: skip
 
     @property
@@ -223,7 +221,7 @@ class RowRecursion:
         measured = np.isfinite(y) & ~(left > SAME * intervals)
         usual = np.abs(intervals - self.dt) <= JITTER * self.dt
         usual[0] &= not begins
-        records = _records(u - self.origin, intervals)
+        records = records_of(u - self.origin, intervals)
         outputs, slopes, nuisances = models.run(self._coefficients, self.nuisances, records, on=True)
         error = np.where(measured, y - self.level, 0.0)
         for each in outputs:
@@ -293,8 +291,3 @@ def _variance_of(point: Point, stretch: Stretch, newest: int) -> float:
 def _newest(rows: FloatArray) -> FloatArray:
     """Return the newest rows (LAGS, ...), after rows of zeros if there are fewer."""
     return np.vstack([np.zeros((LAGS, rows.shape[1])), rows])[-LAGS:]
-
-
-def _records(columns: FloatArray, intervals: FloatArray) -> list[Record]:
-    """Return a record for each of several inputs (K, q), with outputs of zero."""
-    return [Record(np.ascontiguousarray(each), np.zeros(len(columns)), intervals) for each in columns.T]

@@ -25,7 +25,7 @@ def test_a_branch_has_the_bits_of_the_chain(seed: int) -> None:
     constant, model = bool(rng.integers(2)), np.concatenate(theta)
     is_told = (np.arange(whole.entries) != structure.size) | constant
     pairs = [(whole.run(model, record), alone.branch(model, record, constant=constant))]
-    pairs.append((whole.go_on(model, record), alone.branch_on(record, constant=constant)))
+    pairs.append((whole.go_on(model, record), alone.branch(None, record, constant=constant)))
     for done, (rows, output) in pairs:
         np.testing.assert_array_equal(output, done.output)
         np.testing.assert_array_equal(rows[:, is_told], done.zeta[:, is_told])

@@ -194,28 +194,31 @@ class AuxiliaryModel:
         return Pass(phi, zeta, target, output, error, ahead)
 
     def branch(
-        self, theta: FloatArray, record: Record, *, constant: bool = False, rows: FloatArray | None = None
+        self, theta: FloatArray | None, record: Record, *, constant: bool = False, rows: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return instruments (K, T), output (K,) of a record without a gap, from rest; 0 where earlier inputs act."""
-        # written to ``rows`` (K, T or more), if given; the column of the constant is zero unless ``constant``
-        self.begin(theta)
-        rows, output = self.branch_on(record, constant=constant, rows=rows)
-        unknown = record.unknown(self._delay)
+        """Return instruments (K, T), output (K,) of a record without a gap, from rest; 0 where earlier inputs act.
+
+        Without a model it continues from the end of the last run.  The instruments are written to ``rows`` (K, T or
+        more), if given; the column of the constant is zero unless ``constant``.
+        """
+        from replant.kernels.step.branch import branch
+
+        if theta is not None:
+            self.begin(theta)
+        output = np.empty(record.u.size)
+        rows = np.empty((record.u.size, self.entries)) if rows is None else rows
+        branch(*self._state.arrays, record.u, record.intervals, constant, rows, output)
+        unknown = record.unknown(self._delay) if theta is not None else 0
         if unknown:
             output[:unknown] = output[min(unknown, record.u.size - 1)]
             rows[:unknown] = 0.0
         return rows, output
 
-    def branch_on(
-        self, record: Record, *, constant: bool = False, rows: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the same, from the end of the last run."""
-        from replant.kernels.step.branch import branch
 
-        output = np.empty(record.u.size)
-        rows = np.empty((record.u.size, self.entries)) if rows is None else rows
-        branch(*self._state.arrays, record.u, record.intervals, constant, rows, output)
-        return rows, output
+def records_of(inputs: FloatArray, intervals: FloatArray, input_hold: str = "zoh") -> tuple[Record, ...]:
+    """Return a record for each of several inputs (K, q), with outputs of zero."""
+    none = np.zeros(len(inputs))
+    return tuple(Record(np.ascontiguousarray(each), none, intervals, input_hold) for each in inputs.T)
 
 
 class Branches:
@@ -230,10 +233,6 @@ class Branches:
         self.models = [AuxiliaryModel(each, dt, input_hold) for each in structures]
         ends = np.cumsum([0, *(each.poles for each in structures)]).tolist()
         self._states = [slice(begin, end) for begin, end in pairwise(ends)]
-
-    def _of_each(self, weights: FloatArray) -> list[FloatArray]:
-        """Return the initial states of each branch."""
-        return [weights[1:][rows] for rows in self._states]
 
     def slowest(self, coefficients: Sequence[FloatArray]) -> int:
         """Return the number of the branch with the slowest pole."""
@@ -264,11 +263,10 @@ class Branches:
     ) -> tuple[list[FloatArray], list[FloatArray], FloatArray]:
         """Return output (K,) and slopes of each branch, with the part of its nuisances, and the nuisances (K, N)."""
         outputs, slopes, free, slowest = [], [], [np.empty(0)], self.slowest(coefficients)
-        entries = self._entries(coefficients, weights, slowest)
+        entries = self._entries(coefficients, weights)
         for i, (model, theta, record) in enumerate(zip(self.models, entries, records, strict=True)):
             structure, constant = self.structures[i], i == slowest
-            run = model.branch_on(record, constant=constant) if on else model.branch(theta, record, constant=constant)
-            rows, output = run
+            rows, output = model.branch(None if on else theta, record, constant=constant)
             outputs.append(output)
             slopes.append(rows[:, : structure.coefficients])
             free.append(rows[:, -structure.poles :])
@@ -278,22 +276,20 @@ class Branches:
 
     def parts(self, coefficients: Sequence[FloatArray], weights: FloatArray, nuisances: FloatArray) -> list[FloatArray]:
         """Return the part (K,) of the nuisances (K, N) in the output of each branch."""
-        states, free = self._of_each(weights), [nuisances[:, 1:][:, rows] for rows in self._states]
-        made = [combined(columns, state) for columns, state in zip(free, states, strict=True)]
+        made = [combined(nuisances[:, 1:][:, rows], weights[1:][rows]) for rows in self._states]
         made[self.slowest(coefficients)] += weights[0] * nuisances[:, 0]
         return made
 
     def begin(self, coefficients: Sequence[FloatArray], weights: FloatArray) -> None:
         """Put the branches at rest, so that a run with ``on`` begins at rest."""
-        for model, theta in zip(
-            self.models, self._entries(coefficients, weights, self.slowest(coefficients)), strict=True
-        ):
+        for model, theta in zip(self.models, self._entries(coefficients, weights), strict=True):
             model.begin(theta)
 
-    def _entries(self, coefficients: Sequence[FloatArray], weights: FloatArray, slowest: int) -> list[FloatArray]:
+    def _entries(self, coefficients: Sequence[FloatArray], weights: FloatArray) -> list[FloatArray]:
         """Return the entries of each model: coefficients, constant, initial states."""
-        parts = enumerate(zip(coefficients, self._of_each(weights), strict=True))
-        return [np.concatenate([theta, weights[:1] * (i == slowest), state]) for i, (theta, state) in parts]
+        slowest = self.slowest(coefficients)
+        parts = enumerate(zip(coefficients, self._states, strict=True))
+        return [np.concatenate([theta, weights[:1] * (i == slowest), weights[1:][rows]]) for i, (theta, rows) in parts]
 
 
 def _of_parts(runs: list[Pass], nuisances: list[int], most: int) -> Pass:

@@ -14,10 +14,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
-from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, Branches
+from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, Branches, records_of
 from replant.estimation.simulation.miso_exogenous import Outside
 from replant.model.preprocess import accepted
 from replant.model.structure import Structure, places_of
@@ -40,7 +41,7 @@ class Stretch:
     y: FloatArray  # (K,): zero where not measured
     measured: BoolArray  # (K,): which outputs were measured, and depend on inputs of the stretch alone
     known: IntArray  # (K,): predecessors of each, see `Record.predecessors`
-    outside: tuple[Record, ...] | None  # the external part of each input, if references move some
+    outside: tuple[Record, ...] | None = None  # the external part of each input, if references move some
 
 
 class Row:
@@ -79,10 +80,11 @@ class Row:
             measured[: max(part.unknown(each.delay) for each in self.structures)] = False
             if int(measured.sum()) <= self.nuisances:
                 continue  # its offset and initial states explain all of it
-            given = _records(part, self.inputs[rows])
-            outside = None if self.outside is None else _records(part, self.outside.inputs[rows])
+            driving = [self.inputs] if self.outside is None else [self.inputs, self.outside.inputs]
+            columns = [each[rows] - each[rows][0] for each in driving]
+            given, *outside = (records_of(each, part.intervals, part.input_hold) for each in columns)
             known = replace(part, measured=measured).predecessors
-            yield Stretch(rows, given, np.where(measured, part.y, 0.0), measured, known, outside)
+            yield Stretch(rows, given, np.where(measured, part.y, 0.0), measured, known, *outside)
 
     def of_inputs(self, chosen: list[int]) -> Row:
         """Return the row with some of the inputs only."""
@@ -129,12 +131,14 @@ class Row:
         """Return the number of the branch with the slowest pole."""
         return self._models.slowest(self.branches(theta))
 
+    def poles(self, theta: FloatArray) -> list[npt.NDArray[np.complex128]]:
+        """Return the poles of each branch."""
+        pairs = zip(self.structures, self.branches(theta), strict=True)
+        return [roots(np.append(1.0, branch[structure.denominator])) for structure, branch in pairs]
+
     def is_stable(self, theta: FloatArray) -> bool:
         """Whether all poles lie left of the imaginary axis."""
-        each = zip(self.structures, self.branches(theta), strict=True)
-        return bool(np.isfinite(theta).all()) and all(
-            float(roots(np.concatenate([[1.0], b[s.denominator]])).real.max()) < 0.0 for s, b in each
-        )
+        return bool(np.isfinite(theta).all()) and all(poles.real.max() < 0.0 for poles in self.poles(theta))
 
     @quiet
     def on_axis(self, theta: FloatArray, along: Callable[[FloatArray], FloatArray]) -> tuple[FloatArray, float]:
@@ -181,15 +185,13 @@ class Row:
             return None
         return np.hstack(self._twins.run(self.branches(theta), weights, stretch.outside)[1])
 
-    def ended(self, theta: FloatArray, stretch: Stretch, weights: FloatArray) -> Branches:
-        """Return the branches of a model in their states at the end of a stretch."""
-        self._models.run(self.branches(theta), weights, stretch.inputs)
-        return self._models.copy()
-
-    def ended_outside(self, theta: FloatArray, stretch: Stretch, weights: FloatArray) -> Branches | None:
-        """Return the same for the instruments; None if all inputs are external."""
-        made = self.instruments(theta, stretch, weights)
-        return None if made is None or self._twins is None else self._twins.copy()
+    def ended(self, theta: FloatArray, stretch: Stretch, weights: FloatArray) -> list[Branches]:
+        """Return the branches, and those of the instruments if there are any, in their states after a stretch."""
+        driven = zip((self._models, self._twins), (stretch.inputs, stretch.outside), strict=True)
+        ended = [(models.copy(), records) for models, records in driven if models is not None and records is not None]
+        for models, records in ended:
+            models.run(self.branches(theta), weights, records)
+        return [models for models, _ in ended]
 
     def whitened(self, noise: Autoregression, signals: FloatArray, stretch: Stretch) -> FloatArray:
         """Return D signals (K, ...) of a stretch; zero where nothing was measured."""
@@ -265,13 +267,6 @@ def evaluate(
 def summed(columns: list[FloatArray], others: list[FloatArray]) -> FloatArray:
     """Return the sum over all stretches of a' b of columns a (K, P) and columns b (K, Q), or a signal b (K,)."""
     return np.asarray(sum(products(a, b) for a, b in zip(columns, others, strict=True)))
-
-
-def _records(part: Record, columns: FloatArray) -> tuple[Record, ...]:
-    """Return a stretch with each of several inputs (K, q), relative to its first value, and outputs of zero."""
-    none = np.zeros(len(columns))
-    given = (np.ascontiguousarray(each) for each in (columns - columns[0]).T)
-    return tuple(replace(part, u=u, y=none, measured=None) for u in given)
 
 
 def _freed(columns: FloatArray, basis: FloatArray) -> FloatArray:

@@ -192,7 +192,7 @@ def start(
 def start_without(row: Row, theta: FloatArray, left_out: Sequence[int], noise: Autoregression) -> list[Point]:
     """Return the best models without some inputs: each branch keeps its poles, or one takes poles of those left out."""
     less = [i for i in range(len(row.structures)) if i not in left_out]
-    others, poles = row.of_inputs(less), _poles_of(row, theta)
+    others, poles = row.of_inputs(less), [each.tolist() for each in row.poles(theta)]
     lost = [pole for i in left_out for pole in poles[i]]
 
     def models() -> Iterator[FloatArray]:
@@ -215,11 +215,6 @@ def _best_of(row: Row, models: Iterable[FloatArray], noise: Autoregression) -> l
     nearer = sorted(begins, key=lambda point: point.cost)
     ends = ends_of(row, (path(row, point.theta, noise, point, SHORT) for point in nearer), KEPT)
     return sorted(ends, key=lambda point: point.cost)
-
-
-def _poles_of(row: Row, theta: FloatArray) -> list[list[complex]]:
-    pairs = zip(row.structures, row.branches(theta), strict=True)
-    return [roots(np.concatenate([[1.0], branch[each.denominator]])).tolist() for each, branch in pairs]
 
 
 def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[float, FloatArray]]:
