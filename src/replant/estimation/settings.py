@@ -151,15 +151,8 @@ class Settings:
     reference: bool = False
 
     def __post_init__(self) -> None:
-        keep(self, "structure", instance, Structure)
-        keep(self, "dt", duration)
-        keep(self, "filter", instance, *FILTERS)
-        keep(self, "scaling", instance, Scaling)
-        keep(self, "optimizer", instance, Optimizer)
-        keep(self, "replay", instance, Replay, None)
-        keep(self, "instruments", truth)
-        keep(self, "normalize", truth)
-        keep(self, "preprocess", instance, Preprocess)
+        for name, check in CHECKS.items():
+            keep(self, name, *check)
         keep(self, "startup", whole, 0)
         keep(self, "reference", truth)
         if self.preprocess.needs != "nothing":
@@ -191,15 +184,8 @@ class Request:
     history: int = STORED
 
     def __post_init__(self) -> None:
-        keep(self, "structure", instance, Structure)
-        keep(self, "dt", duration)
-        keep(self, "filter", instance, *FILTERS, AUTO)
-        keep(self, "scaling", instance, Scaling, AUTO, None)
-        keep(self, "optimizer", instance, Optimizer, AUTO, *OPTIMIZERS)
-        keep(self, "replay", instance, Replay, AUTO, None)
-        keep(self, "instruments", _switch)
-        keep(self, "normalize", truth)
-        keep(self, "preprocess", instance, Preprocess)
+        for name, check in REQUESTED.items():
+            keep(self, name, *check)
         keep(self, "startup", whole, 1)
         if self.startup >= 2**31:
             raise InvalidArgumentError(f"startup must be below 2^31, got {shown(self.startup)}")
@@ -293,6 +279,18 @@ def _check_together(chosen: Settings | Request) -> None:
     if isinstance(chosen.optimizer, Optimizer):
         chosen.optimizer.check(chosen.structure.size)
 
+
+#: The check of each setting, by its name; and that of each one that a user may leave to the data.
+CHECKS: dict[str, tuple[Any, ...]] = {
+    "structure": (instance, Structure), "dt": (duration,), "filter": (instance, *FILTERS),
+    "scaling": (instance, Scaling), "optimizer": (instance, Optimizer), "replay": (instance, Replay, None),
+    "instruments": (truth,), "normalize": (truth,), "preprocess": (instance, Preprocess),
+}  # fmt: skip
+REQUESTED = CHECKS | {
+    "filter": (instance, *FILTERS, AUTO), "scaling": (instance, Scaling, AUTO, None),
+    "optimizer": (instance, Optimizer, AUTO, *OPTIMIZERS), "replay": (instance, Replay, AUTO, None),
+    "instruments": (_switch,),
+}  # fmt: skip
 
 # two thirds of `STORED`, so that the record is solved once more as a whole
 LONGEST_STARTUP = 20_000  # measured outputs after which a start-up ends even if it is not sufficient [samples]

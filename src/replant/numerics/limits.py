@@ -56,18 +56,16 @@ def increasing(t: Any, samples: int) -> FloatArray:
 def count(name: str, value: Any, least: int, numbers: int = 1) -> int:
     """Return ``value`` as an int: a number of items, each of so many ``numbers``, that fits into memory."""
     result = whole(name, value, least)
-    granted(f"{name} must be smaller: {shown(result)} need", result * numbers)
-    return result
-
-
-def granted(what: str, numbers: int) -> None:
-    """Raise InvalidArgumentError if the system does not grant memory for so many float64."""
+    numbers *= result
     try:
         if numbers:
             np.empty(numbers)
     except (MemoryError, ValueError, OverflowError) as cause:
         gibibytes = f"{numbers / 2**27:.3g}" if numbers < 10**300 else "1e300"
-        raise InvalidArgumentError(f"{what} {gibibytes} GiB of memory, more than the system grants") from cause
+        raise InvalidArgumentError(
+            f"{name} must be smaller: {shown(result)} need {gibibytes} GiB of memory, more than the system grants"
+        ) from cause
+    return result
 
 
 def several(name: str, values: Any, check: Callable[[str, Any], Any]) -> tuple[Any, ...]:

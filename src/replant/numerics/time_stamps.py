@@ -32,7 +32,10 @@ def is_regular(stamps: NDArray[np.float64]) -> bool:
 def is_regular_interval(least: float, most: float, median: float, digits: float) -> bool:
     """Return whether intervals from ``least`` to ``most`` fit a regular clock with stamps rounded to ``digits``."""
     deviation = max(most - median, median - least)
-    return deviation <= TOLERANCE * median or _is_rounded_resolution(most - least, median, digits)
+    # a rounded regular grid has two lengths, one digit apart; a displaced stamp makes three lengths, a missing sample a
+    # difference of four digits or more, as coarser rounding is not accepted
+    is_rounding = digits <= 0.25 * median and most - least <= digits + TOLERANCE * median
+    return deviation <= TOLERANCE * median or is_rounding
 
 
 class StampResolution:
@@ -69,10 +72,3 @@ class StampResolution:
     def _has_decimals(self) -> bool:
         """Whether the number of decimals can be found: beyond the digits of float64 every scaled number is whole."""
         return self._decimals < 16 and self._error <= 0.01
-
-
-def _is_rounded_resolution(spread: float, median: float, digits: float) -> bool:
-    """Return whether rounding to ``digits`` explains intervals whose lengths differ by ``spread``."""
-    # a rounded regular grid has two lengths, one digit apart; a displaced stamp makes three lengths, a missing sample a
-    # difference of four digits or more, as coarser rounding is not accepted
-    return digits <= 0.25 * median and spread <= digits + TOLERANCE * median

@@ -14,7 +14,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
 from replant.estimation.solver import srivc
 from replant.estimation.solver.refined_estimate import Refined
-from replant.estimation.solver.specification_test import FALSE_ALARM, chance_of, chance_of_dynamics, is_answered
+from replant.estimation.solver.specification_test import FALSE_ALARM, answer_of, chance_of, chance_of_dynamics
 from replant.estimation.solver.srivc import refine
 from support.loops import DT, coloured, controlled, loaded_loop, steps
 
@@ -157,7 +157,7 @@ def test_what_a_plant_does_at_once_is_not_taken_for_a_controllers_answer() -> No
         plain, filtered = estimates(record)
         run = run_model(STRUCTURE, filtered.theta[:2], record, DT)
         assert run is not None
-        assert is_answered(record, filtered.noise_model, run.error), "so it seems"
+        assert answer_of(record, filtered.noise_model, run.error).found, "so it seems"
         found.append(is_right(STRUCTURE, record, plain, filtered))
         found.append(chance_of_dynamics(STRUCTURE, record, filtered) >= FALSE_ALARM)
     assert not any(found)

@@ -25,8 +25,7 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
     optimizer = OPTIMIZERS[name](**TWINS[name].settings)
     memory, numbers = optimizer.memory(4), optimizer.settings(DT, np.ones(4))
     state = State.empty(Dimensions(2, 4, 8, memory.size, numbers.size, instruments=instruments))
-    state.describe(rp.Structure(2, 1), DT, rp.StateVariableFilter(2.0))
-    state.rescale(np.ones(4), 1.0)
+    state.describe(rp.Structure(2, 1), DT, rp.StateVariableFilter(2.0), np.ones(4), 1.0)
     state.memory[:], state.settings[:], state.algorithm = memory, numbers, optimizer.code
     P = state.entries
     generator = np.random.default_rng(P)

@@ -110,13 +110,12 @@ class State(StateSlots):
         instruments = instruments or refined
         sizes = Dimensions(structure.poles, entries, ring, instruments=instruments, has_reference=reference)
         state = cls.empty(sizes)
-        state.describe(structure, dt, chosen)
-        state.rescale(np.ones(entries), 1.0)
+        state.describe(structure, dt, chosen, np.ones(entries), 1.0)
         state.fix_filter(structure, dt, chosen)
         return state
 
-    def describe(self, structure: Structure, dt: float, chosen: Filter) -> None:
-        """Fill in structure, sampling time and kind of filter without running compiled code, see `fix_filter`."""
+    def describe(self, structure: Structure, dt: float, chosen: Filter, sigma: FloatArray, output_scale: float) -> None:
+        """Fill in structure, kind of filter and scales (T,) without running compiled code, see `fix_filter`."""
         self.parameter_count, self.input_entries = structure.size, structure.zeros + 1
         self.straight_input = chosen.input_hold == "foh"
         self.refined = chosen.follows_estimate
@@ -125,9 +124,6 @@ class State(StateSlots):
         self.adapt, self.serving_bank = True, 1
         self.delay, self.interval = structure.delay, dt
         self.ready_at = self.longest_gap = math.inf
-
-    def rescale(self, sigma: FloatArray, output_scale: float) -> None:
-        """Set the scales of the regressor, ``sigma`` (T,), and of the output."""
         self.output_scale = output_scale
         self.sigma[:], self.unit[:] = sigma, output_scale / sigma
 
@@ -143,10 +139,9 @@ class State(StateSlots):
         """Return the same without the fixed filter's numbers, without running compiled code."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
         state = cls.empty(Dimensions.of_settings(settings, recent, path))
-        state.describe(structure, settings.dt, settings.filter)
         sigma = np.ones(state.entries)
         sigma[: structure.size] = settings.scaling.sigmas(structure)
-        state.rescale(sigma, settings.scaling.output)
+        state.describe(structure, settings.dt, settings.filter, sigma, settings.scaling.output)
         state.memory[:] = optimizer.memory(state.entries)
         state.settings[:] = optimizer.settings(settings.dt, state.unit)
         state.algorithm, state.normalize = optimizer.code, settings.normalize

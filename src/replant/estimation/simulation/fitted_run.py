@@ -138,7 +138,7 @@ class FittedRun:
         if u.size == 0:
             return u.copy(), y.copy()
         if self._begins:
-            return self._take_parts([slice(*rows) for rows in pairwise([0, *self._begins, u.size])], u, y, t)
+            return self._take_parts(u, y, t)
         first, told = self._response is None, np.isfinite(u)
         intervals = None if t is None else np.diff(t, prepend=t[0] - self._dt if first else self._last)
         gaps, is_blind = self._gaps(told, t)
@@ -161,15 +161,12 @@ class FittedRun:
             modelled.append(part.output(self.offset, self._state))
         return np.concatenate(modelled), np.concatenate([part.known for part in parts])
 
-    def _take_parts(
-        self, parts: list[slice], u: FloatArray, y: FloatArray, t: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray]:
-        self._begins, outputs, known = (), [], []
-        for rows in parts:
+    def _take_parts(self, u: FloatArray, y: FloatArray, t: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        ends, self._begins, parts = [0, *self._begins, u.size], (), []
+        for begin, end in pairwise(ends):
             self._begin()
-            output, measured = self.take(u[rows], y[rows], None if t is None else t[rows])
-            outputs.append(output)
-            known.append(measured)
+            parts.append(self.take(u[begin:end], y[begin:end], None if t is None else t[begin:end]))
+        outputs, known = zip(*parts, strict=True)
         return np.concatenate(outputs), np.concatenate(known)
 
     def _gaps(self, told: BoolArray, t: FloatArray | None) -> tuple[list[int], BoolArray]:

@@ -87,12 +87,6 @@ class Claim:
         """The logarithm of the evidence over that of NOTHING."""
         return self.fair + self.odds
 
-    def weighed_beside(self, base: float, most: float) -> Claim:
-        """Return the claim with its gain over those of one G(s) weighed, see `Contest.weighed`."""
-        if not self.supposition.is_of_plant:
-            return self
-        return replace(self, likelihood=base + self.contest.weighed(self.fair - most) + self.price)
-
 
 def odds_of(supposition: Supposition) -> float:
     """Return the logarithm of the prior odds of a supposition."""
@@ -108,26 +102,22 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
     if found.left > UNEXPLAINED:  # it would raise an alarm again, and explains nothing
         likeliest = max(claims, key=lambda claim: told[claim].fair)
         return likeliest if likeliest.supposition is Supposition.CUT else None
-    wins = all(_advantage(found, claim, told) >= _least_advantage(found, claim) for claim in claims)
+    wins = all(_wins(found, claim, told) for claim in claims)
     return found if wins else None
 
 
-def _advantage(found: Claim, rival: Claim, told: Mapping[Claim, Claim]) -> float:
-    """Return the log-likelihood gain of a claim over another one."""
-    # weighed against a third claim, both grow as the logarithm of the samples, and their difference does not grow
-    if rival.supposition is Supposition.CUT and found.supposition.is_of_plant:
-        return found.contest.weighed(found.fair - rival.fair)
-    return told[found].fair - told[rival].fair
-
-
-def _least_advantage(found: Claim, rival: Claim) -> float:
-    """Return by how much the claim of most evidence must be likelier than another one, the price of G(s) aside."""
+def _wins(found: Claim, rival: Claim, told: Mapping[Claim, Claim]) -> bool:
+    """Return whether the claim of most evidence is likelier than another one, the price of G(s) aside."""
+    more, of_plant = told[found].fair - told[rival].fair, found.supposition.is_of_plant
+    if rival.supposition is Supposition.CUT and of_plant:
+        # weighed against a third claim, both grow as the logarithm of the samples, and their difference does not grow
+        more = found.contest.weighed(found.fair - rival.fair)
     # accepting a load discards most of the earlier information on G(s): it must be sure against no change at all
     same = Supposition.NOTHING, Supposition.NOISE
     if rival.supposition is Supposition.CUT or (found.supposition is Supposition.LOAD and rival.supposition in same):
-        return -math.log(ALPHA)
+        return more >= -math.log(ALPHA)
     # a claim of the same G(s) must also win without the price of another one
-    return -math.inf if found.supposition.is_of_plant else 0.0
+    return more >= (-math.inf if of_plant else 0.0)
 
 
 def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
@@ -149,7 +139,12 @@ def weighed(claims: Sequence[Claim]) -> list[Claim]:
     same = [claim for claim in claims if not (claim.supposition.is_of_plant or claim.supposition is Supposition.CUT)]
     base = max((claim.fair for claim in same), default=0.0)
     most = max((claim.fair + claim.unserved for claim in same), default=0.0)
-    return [claim.weighed_beside(base, most) for claim in claims]
+    return [
+        replace(claim, likelihood=base + claim.contest.weighed(claim.fair - most) + claim.price)
+        if claim.supposition.is_of_plant
+        else claim
+        for claim in claims
+    ]
 
 
 def outputs_differ(problem: Problem, model: FloatArray, other: FloatArray, part: float = NOTICED) -> bool:
@@ -256,11 +251,6 @@ class Contest:
         price = numbers * self.stretch.price
         return Claim(supposition, self, likelihood, odds_of(supposition), price, **parts)  # type: ignore[arg-type]
 
-    @property
-    def _nuisances(self) -> int:
-        """The number of nuisances."""
-        return self.known.mean.size - self.structure.coefficients
-
     def _likelihood(self, done: Pass, error: FloatArray | None = None) -> float:
         """Return the log-likelihood ratio to NOTHING of a model's pass, or of another error (K,) with its nuisances."""
         nuisances = done.phi[:, self.structure.coefficients :]
@@ -307,7 +297,7 @@ class Contest:
                 continue
             likelihood = self._likelihood(self.problem.run(model)) - 0.5 * prior.cost(model) / prior.variance
             root = self._root(model, done, converged=converged)
-            numbers = self._nuisances + start[1].shape[1]
+            numbers = start[0].size - self.structure.coefficients + start[1].shape[1]
             left = self._variance(done.ahead) / (self.known.variance + self.stretch.least)
             claim = self._claim(supposition, likelihood, numbers, model=model, root=root, prior=prior, left=left)
             best = claim if best is None or claim.fair > best.fair else best
@@ -366,7 +356,7 @@ class Contest:
             other = error - combined(columns, least_norm(white, target, WEAKEST)[0])
             likelihood, still = max(self._likelihood(done, left), self._likelihood(done, other)), model.copy()
             still[self.structure.numerator] = 0.0
-            yield self._claim(Supposition.CUT, likelihood, self._nuisances, model=still)
+            yield self._claim(Supposition.CUT, likelihood, columns.shape[1], model=still)
 
     def differ(self, model: FloatArray, other: FloatArray, part: float = NOTICED) -> bool:
         """Return `outputs_differ` for the whole input."""

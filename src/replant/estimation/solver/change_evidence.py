@@ -246,8 +246,10 @@ class Stretch:
     def _drifted(self, error: FloatArray, noise: Autoregression, beside: FloatArray | None) -> tuple[float, int]:
         """Return the largest log-likelihood of a residual minus some line, less its price, and the line's pieces."""
         lines = [(0, error)]
-        if beside is not None:
-            lines += [(pieces, self._less_line(error, pieces, beside)) for pieces in PIECES]
+        for pieces in PIECES if beside is not None else ():
+            assert beside is not None
+            line = np.column_stack([beside, self._columns(pieces)])  # fitted together with the nuisances
+            lines.append((pieces, np.asarray(error - combined(line, least_norm(line, error, WEAKEST)[0]))))
         tried = [(self._coloured(left, noise) - pieces * self.price, pieces) for pieces, left in lines]
         return max(tried, key=lambda each: each[0])
 
@@ -256,11 +258,6 @@ class Stretch:
         time, ends = np.arange(self.measured.size) + 1.0, np.arange(1, pieces + 1) / max(pieces, 1)
         columns = np.maximum(ends - time[:, None] / self.measured.size, 0.0)
         return np.asarray(columns * self.measured[:, None])
-
-    def _less_line(self, error: FloatArray, pieces: int, beside: FloatArray) -> FloatArray:
-        """Return a residual (K,) minus the line of ``pieces`` pieces that fits it best together with the nuisances."""
-        line = np.column_stack([beside, self._columns(pieces)])
-        return np.asarray(error - combined(line, least_norm(line, error, WEAKEST)[0]))
 
     def colour(self, error: FloatArray) -> Autoregression:
         """Return the noise model of a residual (K,)."""

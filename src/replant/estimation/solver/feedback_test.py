@@ -98,8 +98,8 @@ def answering(
     rows = np.flatnonzero(before >= max(most, ANSWERS))[-NEWEST:]
     if rows.size < PER_COLUMN * (ANSWERS + 2):
         return Feedback()
-    # scaled, as the inputs of one regression may differ in units
-    u, *others = (_near_one(signal) for signal in (u, *others))
+    # scaled to about one by powers of two, as the inputs of one regression may differ in units
+    u, *others = (np.ldexp(x, -int(np.frexp(np.abs(x).max(initial=0.0))[1])) for x in (u, *others))
     now, told, _ = _answers(u, w, rows, most, range(first, ANSWERS + 1), others)
     if not sum_of_squares(now) > ROUNDING**2 * sum_of_squares(u):
         return Feedback()  # the input is known from its past
@@ -114,6 +114,8 @@ def answering(
 @quiet
 def part_answering(u: FloatArray, w: FloatArray, before: IntArray) -> FloatArray:
     """Return the part (K,) of an input that responds to a whitened residual, propagated by the input's own past."""
+    from replant.kernels.filters.autoregressions import all_pole
+
     most = _most(before)
     latest = max(most, ANSWERS)
     rows = np.flatnonzero(before >= latest)[-NEWEST:]
@@ -121,12 +123,10 @@ def part_answering(u: FloatArray, w: FloatArray, before: IntArray) -> FloatArray
     told = told[:, : max(_fewest(_triangle(np.column_stack([told, now])), rows.size), ANSWERS + 1)]
     gains = least_norm(told, now, RANK)[0]
     weights = combined(own[:, : gains.size + 1], np.append(1.0, -gains))
-    return _carried(np.convolve(w, gains)[: u.size], weights[1:], u)
-
-
-def _near_one(signal: FloatArray) -> FloatArray:
-    """Return a signal (K,) scaled to about one by a power of two."""
-    return np.asarray(np.ldexp(signal, -int(np.frexp(np.abs(signal).max(initial=0.0))[1])))
+    push = np.convolve(w, gains)[: u.size]
+    answer = all_pole(np.append(1.0, -weights[1:]), push[None])[0]
+    held = bool(np.isfinite(answer).all()) and sum_of_squares(answer) <= LOUDEST**2 * sum_of_squares(u)
+    return answer if held else push
 
 
 def _answers(
@@ -134,7 +134,11 @@ def _answers(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return input (K,) and residuals (K, L) minus their regression on the input's past, and its weights."""
     past, inverse = _known_past(u.tobytes(), most, rows.tobytes(), *(each.tobytes() for each in others))
-    left, own = _untold(np.column_stack([u[rows], *(w[rows - lag] for lag in lags)]), past, inverse)
+    left = np.column_stack([u[rows], *(w[rows - lag] for lag in lags)])
+    own = np.zeros((past.shape[1], left.shape[1]))
+    for _ in range(2):  # twice, to remove rounding
+        more = inverse @ (inverse.T @ products(past, left))
+        left, own = left - combined(past, more), own + more
     return left[:, 0], left[:, 1:], own
 
 
@@ -185,21 +189,3 @@ def _triangle(columns: FloatArray) -> FloatArray:
     except np.linalg.LinAlgError:
         return triangle_of(columns)
     return upper if (np.diag(upper) ** 2 > DIGITS * np.diag(squares)).all() else triangle_of(columns)
-
-
-def _untold(signals: FloatArray, past: FloatArray, inverse: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return signals (K, S) minus their regression on a past (K, C) with inverse R, and its weights (C, S)."""
-    weights = np.zeros((past.shape[1], signals.shape[1]))
-    for _ in range(2):  # twice, to remove rounding
-        more = inverse @ (inverse.T @ products(past, signals))
-        signals, weights = signals - combined(past, more), weights + more
-    return signals, weights
-
-
-def _carried(push: FloatArray, own: FloatArray, u: FloatArray) -> FloatArray:
-    """Return the response of an input's autoregression to a push (K,); the push itself if that is too large."""
-    from replant.kernels.filters.autoregressions import all_pole
-
-    answer = all_pole(np.append(1.0, -own), push[None])[0]
-    held = bool(np.isfinite(answer).all()) and sum_of_squares(answer) <= LOUDEST**2 * sum_of_squares(u)
-    return answer if held else push

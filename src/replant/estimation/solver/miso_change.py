@@ -90,7 +90,7 @@ def likeliest_change(
     if not begins or first.count <= row.nuisances + theta.size:
         return None
     before, noise = _model_before(first, theta, judges)
-    begins |= {_Fitted.of(row, before).worst(noise, of_plant=False)} - {0}
+    begins |= {_Fitted.of(row, before).surest(noise, of_plant=False)[0]} - {0}
     known = without_unknown(row, begins)
     found = _surest(known, begins, [theta, before], noise, of_any_noise)
     # among several changes, only the noise from before counts: a noise model of NOTHING includes the other changes
@@ -138,7 +138,7 @@ def _suspected(row: Row, theta: FloatArray, judges: Sequence[Judge]) -> list[int
 def is_suspect(row: Row, theta: FloatArray, *, of_plant: bool = False) -> bool:
     """Return whether a load, or another plant, seems to begin in a row of one stretch, by half of the noise models."""
     model = _Fitted.of(row, theta)
-    if of_plant and model.worst(model.noise(), of_plant=True):
+    if of_plant and model.surest(model.noise(), of_plant=True)[0]:
         return True
     # the noise model of a part with a load includes the load; with that of a calm part, a drift looks like a load
     noises = [noise for parts in (2, 4) for noise in model.noise_of_parts(parts)]
@@ -300,7 +300,7 @@ def _changes_on(row: Row, begin: int, theta: FloatArray) -> bool:
     away = _fewest(row, theta.size)  # the change itself lies near the sample
     parts = row.parted(max(begin - away, 1))[0], row.parted(min(begin + away, row.record.u.size - 1))[1]
     models = (_Fitted.of(part, refine(part, theta, white).theta) for part in parts if part.stretches)
-    return any(model.worst(model.noise(), of_plant=True) for model in models)
+    return any(model.surest(model.noise(), of_plant=True)[0] for model in models)
 
 
 def _fewest(row: Row, size: int) -> int:
@@ -343,12 +343,8 @@ class _Fitted:
         (stretch,) = self.row.stretches
         return self.row.whitened(noise, self.columns, stretch), self.row.whitened(noise, self.error, stretch)
 
-    def worst(self, noise: Autoregression, *, of_plant: bool) -> int:
-        """Return the most significant begin of a change of coefficients or offset; 0 if it may be chance."""
-        return self.surest(noise, of_plant=of_plant)[0]
-
     def surest(self, noise: Autoregression, *, of_plant: bool) -> tuple[int, float]:
-        """Return the same, and its statistic over the limit."""
+        """Return the surest begin of a change of coefficients or offset, and statistic over limit; 0 by chance."""
         (stretch,) = self.row.stretches
         if float(np.std(self.error)) < HARMLESS * float(np.std(stretch.y[stretch.measured])):
             return 0, 0.0

@@ -225,9 +225,8 @@ def conclude(
     slowness = float(np.sqrt(np.diag(covariance)[: structure.size] / coloured).max()) if (coloured > 0.0).all() else 1.0
     covariance = without_rounding(covariance)  # with an infinitely fast surplus pole few of its digits are valid
     slots = _noise(noise, size, filters=root.filters)
-    misfit, share, reference = (root.misfit / innovation if innovation > 0.0 else 0.0, math.nan, None)
-    if projection is not None:
-        share, reference = projection.share, projection.slots
+    misfit = root.misfit / innovation if innovation > 0.0 else 0.0
+    share, reference = (math.nan, None) if projection is None else (projection.share, projection.slots)
     rightmost = record.dt * float(roots(np.concatenate([[1.0], model[structure.denominator]])).real.max())
     refined = Refined(
         model, upper, diagonal, covariance, variance, innovation, root.converged, root.ends, uncertainty,

@@ -83,8 +83,8 @@ def chance_of(structure: Structure, record: Record, plain: Refined, filtered: Re
     noise = filtered.noise_model
     whole = _whole(record, noise.order)
     if away[1]:  # an unstable plant is in feedback; it has no simulation error to compare
-        at_once = _answering(record, plain.noise_model, run_p.error)  # due to a plant faster than the model
-        return float(is_answered(record, noise, run_f.error) and not at_once.is_direct(structure, plain.theta))
+        at_once = answer_of(record, plain.noise_model, run_p.error)  # due to a plant faster than the model
+        return float(answer_of(record, noise, run_f.error).found and not at_once.is_direct(structure, plain.theta))
     statistic, degrees, ordinates = hausman(run_p, run_f, noise, whole)
     chance = _chance(statistic, degrees, ordinates)
     if chance >= FALSE_ALARM:
@@ -101,7 +101,7 @@ def chance_of_dynamics(structure: Structure, record: Record, filtered: Refined) 
         return 0.0
     noise = filtered.noise_model
     columns = run.dynamics(slice(None), record.dt, record.span, feedback=True)
-    answer = _answering(record, noise, run.error)
+    answer = answer_of(record, noise, run.error)
     if not answer.found or answer.is_direct(structure, filtered.theta):  # an effect of the same sample is the plant's
         columns = np.column_stack([columns, run.u])
     used, known = record.predecessors >= noise.order, np.hstack([run.zeta, run.nuisances])
@@ -126,19 +126,20 @@ def hausman(run_p: ModelRun, run_f: ModelRun, noise: Autoregression, whole: Floa
     z = without(x[:, :size], x[:, size:])
     filtered = noise.ahead(x) * whole[:, None]
     weights = pseudo_inverse(products(filtered, filtered), 1e-13)[:, :size] @ products(x[:, :size], z)
-    w = combined(z - combined(_back(noise, filtered), weights), orthogonal(products(z, z)))
+    back = filtered.copy()  # filtered again, by the transpose of `Autoregression.ahead`
+    for lag in range(1, noise.order + 1):
+        back[:-lag] += noise.coefficients[lag] * filtered[lag:]
+    w = combined(z - combined(back, weights), orthogonal(products(z, z)))
     spectra = np.fft.rfft(w, _length(w), axis=0)
     power = _noise_power(run_p)
-    level = math.ldexp(
-        1.0, math.frexp(float(power.max()))[1] - 1
-    )  # a power of two: squares stay finite, without rounding
+    # a power of two: squares stay finite, without rounding
+    level = math.ldexp(1.0, math.frexp(float(power.max()))[1] - 1)
     power = power / level
     covariance = products(spectra.conj() * power[:, None], spectra).real
     trace = max(float(np.trace(covariance)), np.finfo(float).tiny)
     each = (np.abs(spectra) ** 2).sum(axis=1) * power
-    each = (
-        each[: each.size // 2 * 2].reshape(-1, 2).sum(axis=1)
-    )  # padded to twice the length: two ordinates count as one
+    # padded to twice the length: two ordinates count as one
+    each = each[: each.size // 2 * 2].reshape(-1, 2).sum(axis=1)
     ordinates = 4.0 * float(each.sum()) ** 2 / max(float((each**2).sum()), np.finfo(float).tiny)
     q = sum_of_squares(run_f.error) - sum_of_squares(run_p.error)
     return max(q, 0.0) / level / trace, trace**2 / max(float(np.sum(covariance**2)), np.finfo(float).tiny), ordinates
@@ -192,13 +193,8 @@ def _score(signal: FloatArray, error: FloatArray, run: ModelRun) -> float:
     return inner(unit, error) / math.sqrt(level) / math.sqrt(max(variance, np.finfo(float).tiny))
 
 
-def is_answered(record: Record, noise: Autoregression, error: FloatArray) -> bool:
-    """Return whether a record's input responds to a residual (K,), as in feedback."""
-    return _answering(record, noise, error).found
-
-
-def _answering(record: Record, noise: Autoregression, error: FloatArray) -> Feedback:
-    """Return how a record's input responds to a residual (K,)."""
+def answer_of(record: Record, noise: Autoregression, error: FloatArray) -> Feedback:
+    """Return how a record's input responds to a residual (K,), as in feedback."""
     w = noise.ahead(error) * _whole(record, noise.order)
     return answering(record.u - record.u.mean(), w, record.inputs_before)
 
@@ -212,14 +208,6 @@ def _chance(statistic: float, degrees: float, ordinates: float) -> float:
 def _length(signal: FloatArray) -> int:
     """Return the length, a power of two from 2 K on, of the zero-padded Fourier transform of a signal (K, ...)."""
     return 1 << (2 * len(signal) - 1).bit_length()
-
-
-def _back(noise: Autoregression, signals: FloatArray) -> FloatArray:
-    """Return signals (K, ...) filtered by the transpose of `Autoregression.ahead`."""
-    result = signals.copy()
-    for lag in range(1, noise.order + 1):
-        result[:-lag] += noise.coefficients[lag] * signals[lag:]
-    return result
 
 
 def _whole(record: Record, order: int) -> FloatArray:

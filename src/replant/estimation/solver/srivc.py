@@ -36,8 +36,9 @@ continuous-time model identification", chapter 5 of the same book.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 
@@ -47,10 +48,10 @@ from replant.estimation.simulation.model_run import runs_away
 from replant.estimation.solver.refined_estimate import Refined, Root, without_nuisances
 from replant.estimation.solver.specification_test import (
     FALSE_ALARM,
+    answer_of,
     chance_of,
     chance_of_dynamics,
     disagreement,
-    is_answered,
 )
 from replant.estimation.solver.srivc_steps import STALLS, Problem, is_long_enough
 from replant.estimation.solver.undetermined_poles import INFINITE, grown, with_poles
@@ -155,7 +156,7 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     if not distinct:
         return None
     plain = _plain(problem, distinct)
-    if not (problem.is_stable(plain.model) or is_answered(problem.record, plain.noise, plain.done.error)):
+    if not (problem.is_stable(plain.model) or answer_of(problem.record, plain.noise, plain.done.error).found):
         stable = _promising(problem, [problem.stabilized(start) for start in starts], stable=True)
         rival = _plain(problem, stable, stable=True) if stable else plain
         plain = plain if _runs_away_surely(problem, plain.model, rival.innovation) else rival
@@ -167,7 +168,7 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     if root is None:
         return problem.conclude(plain)
     alone = problem.is_stable(plain.model) and not problem.is_stable(root.model)
-    if alone and not is_answered(problem.record, root.noise, root.done.error):
+    if alone and not answer_of(problem.record, root.noise, root.done.error).found:
         # an unstable plant is recorded in feedback only: without it, an unstable model has fitted the drift
         starts = [problem.stabilized(end.model) for end in ends if end is not None]
         ends = [problem.descend(start, WHITENED, RENEWALS, stable=True) for start in starts]
@@ -198,9 +199,7 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
 def _whitened_start(problem: Problem, noise: Autoregression) -> list[FloatArray]:
     """Return the likeliest start with state-variable filters and a noise model; [] without one."""
     # the output error ranks starts by how well they follow a drift, if that is larger than the response to u
-    tried = [(problem.misfit(problem.run(start)), start) for start in _from_cutoffs(problem, noise)]
-    _, likeliest = min(tried, key=lambda each: each[0], default=(math.inf, None))
-    return [] if likeliest is None else [likeliest]
+    return sorted(_from_cutoffs(problem, noise), key=lambda start: problem.misfit(problem.run(start)))[:1]
 
 
 def _likelier_near(problem: Problem, root: Root, plain: Root) -> Refined | None:
@@ -218,21 +217,16 @@ def _likelier_near(problem: Problem, root: Root, plain: Root) -> Refined | None:
 
 def _promising(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = False) -> list[FloatArray]:
     """Return up to `PROMISING` distinct models of least output error, iterated from the starts."""
-    tried = [problem.improve(start, SHORT, SHORT, stable=stable) for start in starts]
-    tried.sort(key=lambda outcome: outcome[0])
-    for _, _, last in list(tried[:PROMISING]):
-        if last is not None:
-            tried.append(problem.improve(last, LONG, STALLS, stable=stable))
-    found = sorted((outcome for outcome in tried if math.isfinite(outcome[0])), key=lambda outcome: outcome[0])
-    return [model for _, model in _distinct([(cost, model) for cost, model, _ in found])][:PROMISING]
+    tried = sorted((problem.improve(start, SHORT, SHORT, stable=stable) for start in starts), key=itemgetter(0))
+    lasts = [last for _, _, last in tried[:PROMISING] if last is not None]
+    tried = sorted([*tried, *(problem.improve(last, LONG, STALLS, stable=stable) for last in lasts)], key=itemgetter(0))
+    return _distinct([(cost, model) for cost, model, _ in tried if math.isfinite(cost)])
 
 
 def _plain(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = False) -> Root:
     """Return the root of the least output error, among stable models or all."""
-    ends = [problem.polished(problem.stabilized(start) if stable else start, stable=stable) for start in starts]
-    least = min(end.innovation for end in ends)
-    alike = [end for end in ends if end.innovation <= (1.0 + AGREE) * least]
-    return min(alike, key=lambda end: (not end.converged, end.innovation))
+    starts = [problem.stabilized(start) for start in starts] if stable else starts
+    return _likeliest([problem.polished(start, stable=stable) for start in starts])
 
 
 def _runs_away_surely(problem: Problem, model: FloatArray, power: float) -> bool:
@@ -266,19 +260,19 @@ def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None
         if root is not None:
             tried.append((root.relative_misfit, root.model))
     ends = []
-    for _, model in list(_distinct(sorted(tried, key=lambda outcome: outcome[0])))[:PROMISING]:
+    for model in _distinct(sorted(tried, key=itemgetter(0))):
         problem.noise = Autoregression.white(1.0, problem.record.u.size)
         ends.append(problem.descend(model, WHITENED, RENEWALS))
     return _best(ends)
 
 
-def _distinct(tried: Sequence[tuple[float, FloatArray]]) -> Iterator[tuple[float, FloatArray]]:
-    """Yield the models whose cost differs from that of every earlier one."""
-    costs: list[float] = []
+def _distinct(tried: Sequence[tuple[float, FloatArray]]) -> list[FloatArray]:
+    """Return the first `PROMISING` models whose cost differs from that of every earlier one."""
+    found: list[tuple[float, FloatArray]] = []
     for cost, model in tried:
-        if not any(abs(cost - one) <= AGREE * abs(one) for one in costs):
-            costs.append(cost)
-            yield cost, model
+        if not any(abs(cost - one) <= AGREE * abs(one) for one, _ in found):
+            found.append((cost, model))
+    return [model for _, model in found[:PROMISING]]
 
 
 def _best(ends: Sequence[Root | None], record: Record | None = None) -> Root | None:
@@ -292,7 +286,7 @@ def _best(ends: Sequence[Root | None], record: Record | None = None) -> Root | N
         return min(found, key=lambda end: end.relative_misfit)
     limit, likeliest = LOUD * min(end.done.cost for end in found), _likeliest(found)
     # in feedback a loud root leaves the output to the autoregression; in open loop a large residual is a drift
-    if likeliest.done.cost <= limit or not is_answered(record, likeliest.noise, likeliest.done.error):
+    if likeliest.done.cost <= limit or not answer_of(record, likeliest.noise, likeliest.done.error).found:
         return likeliest
     return _likeliest([end for end in found if end.done.cost <= limit])
 

@@ -155,15 +155,12 @@ class Problem:
             return math.inf
         if self.projection is None:
             return sum_of_squares(white)
-        functions, basis = self._functions(self.projection)
-        return float(np.sum((basis.T @ products(functions, white[:, None])) ** 2))
-
-    def _functions(self, projection: Projection) -> tuple[FloatArray, FloatArray]:
-        """Return the reference's whitened functions (K, L) and their orthonormaliser, kept for a noise model."""
+        # the whitened functions of the reference (K, L) and their orthonormaliser are kept for a noise model
         if self._basis is None or self._basis[0] is not self.noise:
-            functions = self.whiten(projection.functions[self._unknown :])
+            functions = self.whiten(self.projection.functions[self._unknown :])
             self._basis = self.noise, functions, orthogonal(products(functions, functions))
-        return self._basis[1:]
+        _, functions, basis = self._basis
+        return float(np.sum((basis.T @ products(functions, white[:, None])) ** 2))
 
     def improve(
         self, theta: FloatArray, iterations: int, patience: int, *, stable: bool
