@@ -240,15 +240,11 @@ class Request:
     @property
     def first_hold(self) -> int:
         """Number of measured outputs that the start-up collects first; 0 if no choice needs them."""
-        if self.asks_for_data:
+        # the choice of optimizer and replay needs no record of samples
+        waits = isinstance(self.filter, str) or isinstance(self.scaling, str) or self.preprocess.needs == "mean"
+        if waits or self.wants_instruments:
             return max(self.startup, self.least_startup)
         return 0 if self.preprocess.needs == "nothing" else 1
-
-    @property
-    def asks_for_data(self) -> bool:
-        """Whether a choice needs a record of samples; the choice of optimizer and replay does not."""
-        waits = isinstance(self.filter, str) or isinstance(self.scaling, str) or self.preprocess.needs == "mean"
-        return waits or self.wants_instruments
 
 
 def filter_for(input_hold: str) -> Filter | str:

@@ -189,19 +189,13 @@ class Autoregression:
         """Return x / D(q) of ``signals`` (K, ...) from rest; roots of D outside the unit circle are reflected."""
         from replant.kernels.filters.autoregressions import all_pole
 
-        model, gain = _mirrored(self.coefficients)
+        model, gain, places = self.coefficients, 1.0, roots(self.coefficients)
+        outside = np.abs(places) > 1.0
+        if outside.any():  # the gain keeps the magnitude
+            moved = np.where(outside, 1.0 / np.conj(np.where(outside, places, 1.0)), places)
+            model, gain = np.asarray(np.poly(moved).real), float(np.abs(places[outside]).prod())
         channels = all_pole(model, signals.reshape(signals.shape[0], -1).T)
         return np.ascontiguousarray(channels.T / gain).reshape(signals.shape)
-
-
-def _mirrored(model: FloatArray) -> tuple[FloatArray, float]:
-    """Return a monic polynomial with roots reflected into the unit circle, and the gain that keeps its magnitude."""
-    places = roots(model)
-    outside = np.abs(places) > 1.0
-    if not outside.any():
-        return model, 1.0
-    moved = np.where(outside, 1.0 / np.conj(np.where(outside, places, 1.0)), places)
-    return np.asarray(np.poly(moved).real), float(np.abs(places[outside]).prod())
 
 
 def since_break(broken: BoolArray) -> IntArray:

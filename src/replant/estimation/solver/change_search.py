@@ -32,13 +32,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import (
-    borrowed,
-    chi2_quantile,
-    inverse_of,
-    quiet,
-    sums_of_products,
-)
+from replant.numerics.linear_algebra import borrowed, chi2_quantile, inverse_of, quiet, sums_of_products
 from replant.numerics.projections import weights_by
 
 # a change between two of them loses at most a thirty-second of its samples

@@ -81,12 +81,9 @@ def choose_filter(
     slowest, fastest = SLOWEST_CUTOFF / lasts, 1.0 / dt
     candidates = np.geomspace(min(slowest, fastest / 10), fastest, CANDIDATES)
     linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
-    best, best_fit = (
-        StateVariableFilter(cutoff=rounded(float(candidates[CANDIDATES // 2])), input_hold=input_hold),
-        -np.inf,
-    )
-    for cutoff in candidates:
-        tried = StateVariableFilter(cutoff=rounded(float(cutoff)), input_hold=input_hold)
+    filters = [StateVariableFilter(cutoff=rounded(float(each)), input_hold=input_hold) for each in candidates]
+    best, best_fit = filters[CANDIDATES // 2], -np.inf
+    for tried in filters:
         phi, target = regressors(structure, dt, tried, preprocess, u, y, t)
         model = structure.transfer_function(least_squares(phi, target).parameters)
         fit = simulate(model, linear_input, y, dt, input_hold=input_hold, t=t).fit if model.is_stable else -np.inf

@@ -40,6 +40,7 @@ from replant.estimation.solver.miso_change import (
     worth_of_lags,
 )
 from replant.estimation.solver.miso_steps import refine
+from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
@@ -291,8 +292,7 @@ def _parts_of(
 ) -> tuple[list[_Part], float]:
     """Return the information of each part of a record on its offset, and the residual power without an offset."""
     model = AuxiliaryModel(structure, record.dt, record.input_hold, margin=stability_margin(record))
-    nuisances, entries = structure.poles + 1, np.zeros(model.entries)
-    entries[: structure.coefficients] = theta[: structure.coefficients]
+    nuisances, entries = structure.poles + 1, without_nuisances(structure, theta[: structure.coefficients])
     parts, power = [], 0.0
     for rows in record.parts:
         part = record.part(rows)

@@ -27,7 +27,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -42,8 +41,6 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import combined, products, quiet, roots, sum_of_squares
 from replant.numerics.projections import without
-
-ComplexArray = np.ndarray[Any, np.dtype[np.complex128]]
 
 # a fit of the smaller model explains some of it again, but seldom as much
 WORTH_FITTING = 10.0  # power due to a pole above which it is determined without such a fit [limits]
@@ -98,7 +95,10 @@ def _ways(problem: Problem, found: Refined) -> Iterator[FloatArray]:
         if left.size == 0:
             continue
         size = float(abs(pole)) ** (poles.size - left.size)
-        other, start = _smaller(structure, found.theta, left, size)
+        other, b = with_poles(structure, left.size), found.theta[structure.numerator]
+        # of the same gain at low frequencies
+        rest = np.append(b[b.size - other.zeros - 1 :], found.theta[structure.coefficients : structure.size]) / size
+        start = without_nuisances(other, np.append(np.poly(left).real[1:], rest))
         smaller = Problem(other, problem.whole)
         smaller.noise = noise
         first = smaller.run(start)
@@ -109,15 +109,6 @@ def _ways(problem: Problem, found: Refined) -> Iterator[FloatArray]:
         rest = white(fitted.error)
         if sum_of_squares(rest) - sum_of_squares(error) < limit * variance:
             yield from _towards(structure, other, model, float(abs(pole)))
-
-
-def _smaller(structure: Structure, theta: FloatArray, left: ComplexArray, size: float) -> tuple[Structure, FloatArray]:
-    """Return the structure and the model (T,) with the poles that are left, of the same gain at low frequencies."""
-    b = theta[structure.numerator]
-    other = with_poles(structure, left.size)
-    rest = theta[structure.coefficients : structure.size] / size
-    parameters = np.concatenate([np.poly(left).real[1:], b[b.size - other.zeros - 1 :] / size, rest])
-    return other, without_nuisances(other, parameters)
 
 
 def _towards(structure: Structure, other: Structure, model: FloatArray, speed: float) -> Iterator[FloatArray]:
