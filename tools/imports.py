@@ -17,7 +17,7 @@ from architecture import Graph, Package, circle
 #: Read and write files, and speak to the person at the terminal: these and nothing else.
 OUTSIDE = {
     "numerics.operating_system",
-    "online.checkpoint.files",
+    "online.checkpoint_file",
     "online.second_process",
     "fitting.log_inspection",
     "fitting.model_file",

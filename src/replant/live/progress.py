@@ -19,7 +19,7 @@ from replant.kernels.schema import FARTHEST, LEAP
 from replant.live.outputs.message import DiskWriter
 from replant.live.streams import Batch
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.online.checkpoint.files import write
+from replant.online.checkpoint_file import write
 from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
 from replant.online.miso_samples import RowSettings

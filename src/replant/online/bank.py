@@ -19,7 +19,7 @@ from replant.online.locking import Turn, changes, reads
 from replant.online.trace import BankTrace, Trace
 
 if TYPE_CHECKING:
-    from replant.online.checkpoint.encoding import Progress
+    from replant.online.checkpoint_file import Progress
 
 # the work of a call to a member is then some ten times its overhead
 LOOKED = 512  # samples between two checks of the weights [samples]

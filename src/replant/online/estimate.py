@@ -26,8 +26,7 @@ from replant.verdict import Assessment, assess_running, assess_starting
 from replant.verdict.assess import judged
 
 if TYPE_CHECKING:
-    from replant.online.checkpoint.encoding import Progress
-    from replant.online.checkpoint.files import AnyPath
+    from replant.online.checkpoint_file import AnyPath, Progress
 
 #: Reasons for rejection of samples that also count as accepted.
 COUNTED = {"outlier", "stuck", "no output", "no reference"}
@@ -97,7 +96,7 @@ class Identification(Adapting):
         InvalidArgumentError
             If something cannot be saved, such as an ``input_map`` that is a function.
         """
-        from replant.online.checkpoint.files import write
+        from replant.online.checkpoint_file import write
 
         write(path, self.to_bytes(progress))
 

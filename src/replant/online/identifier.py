@@ -47,7 +47,7 @@ DERIVED = {
 PIECE = 8192  # updates of the estimate after which Ctrl-C is handled while a chunk is taken [updates]
 
 if TYPE_CHECKING:
-    from replant.online.checkpoint.encoding import Progress
+    from replant.online.checkpoint_file import Progress
 
 
 class Identifier(Lifecycle):

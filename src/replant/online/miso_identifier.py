@@ -31,7 +31,7 @@ from replant.online.trace import Trace
 from replant.verdict.verdict import Verdict
 
 if TYPE_CHECKING:
-    from replant.online.checkpoint.encoding import Progress
+    from replant.online.checkpoint_file import Progress
 
 PIECE = 8192  # samples after which Ctrl-C is handled while a chunk is taken [samples]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 
 from replant.online import saving
-from replant.online.checkpoint.files import AnyPath
+from replant.online.checkpoint_file import AnyPath
 from replant.online.identifier import Identifier
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from replant.errors import CheckpointError, DamagedCheckpointError, MissingCheckpointError
 from replant.online.checkpoint.encoding import decode
-from replant.online.checkpoint.files import AnyPath, previous, read
+from replant.online.checkpoint_file import AnyPath, previous, read
 from replant.online.identifier import Identifier, restored
 
 

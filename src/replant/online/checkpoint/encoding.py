@@ -40,8 +40,7 @@ from replant.online.checkpoint.content_check import (
 )
 from replant.online.checkpoint.earlier_versions import BEFORE, from_before, with_work, without_work, work_of
 from replant.online.checkpoint.settings_json import from_plain, to_plain
-
-Progress = Mapping[str, int | float | str]
+from replant.online.checkpoint_file import Progress
 
 MAGIC = b"\x89replant"
 

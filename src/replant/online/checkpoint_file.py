@@ -1,4 +1,4 @@
-"""A file that is complete at every moment: written under another name, synced, renamed; the previous one is kept.
+"""Checkpoint file: complete at every moment: written under another name, synced, renamed; the previous one is kept.
 
 1. The new content is written to a file ``.new`` and synced to the disk.
 2. The present file gets the second name ``.old``.
@@ -15,6 +15,7 @@ import errno
 import os
 import shutil
 import stat
+from collections.abc import Mapping
 from pathlib import Path
 
 from replant.errors import CheckpointError, MissingCheckpointError
@@ -22,6 +23,7 @@ from replant.numerics.limits import file_path
 from replant.numerics.operating_system import reason_of
 
 AnyPath = str | os.PathLike[str]
+Progress = Mapping[str, int | float | str]  # what a checkpoint keeps beside the identifier
 
 LARGEST = 2**36  # largest file that is read as a checkpoint [bytes]
 
