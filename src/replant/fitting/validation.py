@@ -20,7 +20,8 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import Simulation, fit_percent
 from replant.estimation.simulation.model_run import model_output
-from replant.estimation.solver.solve import doubts, in_turn, suspicious
+from replant.estimation.solver.bad_samples import doubts, suspicious
+from replant.estimation.solver.solve import in_turn
 from replant.fitting.model_fields import ModelFields
 from replant.kernels.schema import Doubt
 from replant.model.preprocess import accepted, screen

@@ -23,9 +23,10 @@ from replant.estimation.engine.recent_samples import RecentSamples, variance_of_
 from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
+from replant.estimation.solver.bad_samples import suspicious
 from replant.estimation.solver.change_contest import Claim, Contest, decided, is_sure, odds_of
 from replant.estimation.solver.change_evidence import Known
-from replant.estimation.solver.solve import Solution, solve, suspicious
+from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import SOONEST, least_since
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import LogError
-from replant.estimation.solver.solve import suspicious
+from replant.estimation.solver.bad_samples import suspicious
 from replant.kernels.schema import Doubt as Suspect
 from replant.logs import read_columns
 from replant.logs.merged_channels import side_by_side

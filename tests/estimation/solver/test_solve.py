@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 import replant as rp
-from replant.estimation.solver.solve import suspicious
+from replant.estimation.solver.bad_samples import suspicious
 from replant.kernels.schema import Doubt
 from replant.online.runs.result import result_of_fit
 from support.builders import DT, binary, true_parameters
