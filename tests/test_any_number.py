@@ -137,7 +137,7 @@ RESULTS = {
     "Assessment", "Verdict", "Simulation", "FitResult", "RowFit", "Trace", "Loaded", "Recording", "Table", "Batch",
     "Actuator", "Cell", "Experiment", "Improvement", "Plant", "Row", "RowResult", "TableResult", "Replication",
     "Stretch", "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source", "ReferenceUse", "Validation",
-    "Inspection", "ModelComparison", "MatrixFit", "Signals",
+    "Inspection", "ModelComparison", "MatrixFit", "Session", "Signals",
     "Fleet", "Trial",
 }  # fmt: skip
 
@@ -276,6 +276,7 @@ def test_a_record_in_any_layout() -> None:
         assert rp.fit(layout(u), layout(y), 0.5, poles=1).parameters.tolist() == expected, number
 
 
+@pytest.mark.slow
 def test_a_record_of_narrow_numbers() -> None:
     u, y = record(rp.TransferFunction([2.0], [1.0, 1.0]), 1, 200, 0.5)
     u, y = (u + 1.0).round(), (10.0 * (y - y.min())).round()
@@ -302,11 +303,13 @@ def test_every_public_call_is_tried() -> None:
     assert not list(missing()), "add ordinary arguments to fuzz/public.py"
 
 
+@pytest.mark.slow
 def test_calls_with_hostile_arguments() -> None:
     outcomes = Counter(trial(number) for number in range(CALLS))  # raises FindingError with what happened
     assert min(outcomes["result"], outcomes["refused"]) > CALLS / 6, "what refuses all, or accepts all, tries nothing"
 
 
+@pytest.mark.slow
 @every(("name", "make"), lambda: [*classes(), *FUNCTIONS_OF_ALL.items()], quick=8)
 def test_every_argument_of_every_call_in_its_worst_form(name: str, make: Callable[[], Any]) -> None:
     """A number of more digits than Python prints, also within a list; an array that is none; floats at their ends."""
@@ -335,6 +338,7 @@ def worst(value: Any) -> Iterator[Any]:
             yield np.resize(ends, np.shape(value))
 
 
+@pytest.mark.slow
 def test_the_regressor_takes_a_number_of_any_type() -> None:
     """It keeps its arguments as they were given, as scikit-learn has it, and uses plain ones."""
     u, y = record(rp.TransferFunction([2.0], [1.0, 0.5]), 1, 50, 1.0)

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from replant.errors import CheckpointError, MissingCheckpointError
-from replant.online.checkpoint import files
+from replant.online import checkpoint_file as files
 from support.cases import every
 
 FIRST, SECOND, THIRD, LAST = (bytes([n]) * 5_000 for n in range(1, 5))

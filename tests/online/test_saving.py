@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.online import checkpoint_file as files
 from replant.online import saving
-from replant.online.checkpoint import files
 from support.builders import identifier
 from support.cases import every
 from support.waiting import PATIENCE
