@@ -166,6 +166,7 @@ def test_several_columns_are_several_inputs() -> None:
     assert clone(model).get_params() == model.get_params()
 
 
+@pytest.mark.slow
 def test_several_columns_are_learned_chunk_by_chunk() -> None:
     u, y = two_inputs()
     model, ident = TransferFunctionRegressor(**TWO), rp.Identifier(**TWO)

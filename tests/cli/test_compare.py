@@ -88,6 +88,7 @@ def test_without_names_the_usual_ones_are_compared_and_none_twice(capsys: Any, l
     assert list(json.loads(out)) == ["srivc", "gradient"]
 
 
+@pytest.mark.slow
 def test_a_person_reads_one_table(capsys: Any, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "100")
     code, out, err = call(capsys, "compare", log, *COLUMNS, *chosen(*SOME))
@@ -164,6 +165,7 @@ def test_a_wrong_call_is_one_line_and_exit_code_2(capsys: Any, arguments: tuple[
     assert all(word in err for word in words), err
 
 
+@pytest.mark.slow
 def test_the_page_holds_everything(capsys: Any, log: Path, tmp_path: Path) -> None:
     out = tmp_path / "deep" / "folder"
     code, said, _ = call(capsys, "compare", log, *COLUMNS, *chosen(*SOME), "--out", out)

@@ -152,6 +152,7 @@ def test_a_mistake_is_one_line(capsys: Any, log: Path, words: str, asked: list[A
     assert words in err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unrendered")
 def test_a_second_output_is_a_second_row(capsys: Any, log: Path, tmp_path: Path) -> None:
     saved, other = tmp_path / "matrix.json", written(tmp_path / "second.csv", 1)
@@ -177,6 +178,7 @@ def test_a_second_output_is_a_second_row(capsys: Any, log: Path, tmp_path: Path)
     assert "it has several outputs, and replant compare takes models of one" in err
 
 
+@pytest.mark.slow
 def test_columns_are_validated_by_their_names_or_in_the_order_of_the_model(
     capsys: Any, log: Path, tmp_path: Path
 ) -> None:

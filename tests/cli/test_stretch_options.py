@@ -47,6 +47,7 @@ def test_what_is_left_out_does_not_spoil_the_model(capsys, log: Path, command: s
     np.testing.assert_allclose(model_of(capsys, command, log, *more)["den"], [1.0, 0.5], rtol=0.03)
 
 
+@pytest.mark.slow
 def test_with_it_the_model_is_spoilt(capsys, log: Path) -> None:
     assert model_of(capsys, "fit", log)["fit"]["simulated"] < 80.0
 

@@ -194,6 +194,7 @@ def test_a_strong_load_leads_no_search_astray(run: int) -> None:
     assert found.misfit <= 1.02 * ideal.relative_misfit
 
 
+@pytest.mark.slow
 @every("run", [4, 13, 24], quick=1)
 def test_where_no_step_lowers_the_cost_at_the_axis_the_filtered_estimate_is_taken(run: int) -> None:
     """The cost has a bend where a pole crosses the axis; the least output error of these loops is 50 to 67 % off."""

@@ -46,6 +46,7 @@ def late(seconds: float) -> rp.TransferFunction:
     return rp.TransferFunction([1.0], [3.0, 1.0], delay=seconds)
 
 
+@pytest.mark.slow
 @every("seconds, pole", [(0.2, 0.0), (1.0, 0.0), (2.5, 0.0), (1.0, 0.9)], quick=1)
 def test_a_dead_time_that_is_not_given_is_named(seconds: float, pole: float) -> None:
     u = toggling(3, samples=SAMPLES)
@@ -82,6 +83,7 @@ def test_a_right_row_has_no_fault(seed: int, pole: float) -> None:
     assert found.verdict.status == "trusted", found.verdict
 
 
+@pytest.mark.slow
 @every("pole", [0.4, 3.0], quick=1)
 def test_an_input_recorded_late_is_no_controller(pole: float) -> None:
     """Steps at each row, as the delay of a row shows at steps alone."""
@@ -162,6 +164,7 @@ BENT = {
 }
 
 
+@pytest.mark.slow
 @every("said, which", [(said, which) for said in BENT for which in (0, 1)], quick=1)
 def test_an_actuator_that_bends_its_input_is_named_beside_another_input(said: str, which: int) -> None:
     """Of one input such models are refused; of two, wrong by 15 to 50 %, they were trusted in 18 of 20 records."""
@@ -201,6 +204,7 @@ def test_of_one_input_no_others_are_named() -> None:
     assert rp.fit(u, y, DT, poles=(1,)).verdict.reasons[0].startswith("input u1: the actuator seems to saturate")
 
 
+@pytest.mark.slow
 def test_a_plant_that_is_another_one_at_other_levels_is_named_by_its_input() -> None:
     u = moved(5)
     y = noisy(QUICK.simulate(u[:, 0].copy(), DT) + lagging(u[:, 1].copy(), DT, lambda level: 0.5 * level), 5)
@@ -222,6 +226,7 @@ def test_a_disturbance_with_the_period_of_an_input_is_named() -> None:
     )
 
 
+@pytest.mark.slow
 @every("quick_first", [False, True])
 def test_an_output_held_from_report_to_report_is_no_dead_time_of_an_input(quick_first: bool) -> None:
     """It changes the quick transfer function alone, whichever of the inputs that belongs to."""

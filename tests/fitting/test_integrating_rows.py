@@ -27,6 +27,7 @@ def made(pairs: Any, seed: int, load: float, samples: int = 3000) -> tuple[Float
     return u, np.sum(parts, axis=0) + noise
 
 
+@pytest.mark.slow
 @every(
     "pairs, seed, load",
     [

@@ -56,6 +56,7 @@ def on_a_regular_clock(seed: int, samples: int) -> FitResult:
 CLOCKS = every("make", [jittering, with_gaps, short_gaps, of_two_rates])
 
 
+@pytest.mark.slow
 @CLOCKS
 @every("seed", [1, 2], quick=1)
 def test_the_fit_is_as_good_as_its_standard_deviations_say_and_as_on_a_regular_clock(make, seed: int) -> None:
@@ -91,6 +92,7 @@ def test_without_noise_gaps_cost_nothing() -> None:
     assert fitted.simulation.fit > 99.9999
 
 
+@pytest.mark.slow
 @every("identified", [rp.fit, rp.run], quick=1)
 def test_rows_without_an_input_are_as_rows_that_are_missing(identified) -> None:
     u, y = record(PLANT, 3, 4000, DT, noise=NOISE)
@@ -133,6 +135,7 @@ def test_gaps_and_a_dead_time() -> None:
     assert fitted.simulation.fit > 99.99
 
 
+@pytest.mark.slow
 def test_the_search_uses_the_stamps_also_where_it_scores() -> None:
     u, y, t = with_gaps(4, samples=4000)
     found = search(u, y, DT, poles=(1, 2), zeros=(0, 1), t=t)
@@ -140,6 +143,7 @@ def test_the_search_uses_the_stamps_also_where_it_scores() -> None:
     assert found.chosen.fit == pytest.approx(100.0 * (1.0 - NOISE / np.std(y)), abs=1.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jitter", [0.0, 0.4])
 def test_the_search_finds_a_dead_time_between_coarse_points_of_a_grid(jitter: float) -> None:
     """The zero can make up for a part of it: the likelihood has another top at 0.1 s."""
@@ -199,6 +203,7 @@ def test_a_load_may_begin_in_a_gap(changes: float, seed: int) -> None:
     assert any(reason.startswith("another load acts since 86,400 s") for reason in found.verdict.reasons)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pole", [0.0, 0.98])
 @every("seed", range(4), quick=2)
 def test_a_gap_is_no_load_by_itself(pole: float, seed: int) -> None:
@@ -209,6 +214,7 @@ def test_a_gap_is_no_load_by_itself(pole: float, seed: int) -> None:
     assert found.verdict.status == "trusted"
 
 
+@pytest.mark.slow
 @every("seed", range(3), quick=1)
 def test_of_several_gaps_each_is_asked(seed: int) -> None:
     u, y, t = days(seed, 0.0, count=7, samples=300)

@@ -48,6 +48,7 @@ def distance(found: FitResult) -> float:
     return float(off @ np.linalg.solve(found.covariance, off))
 
 
+@pytest.mark.slow
 @every("seed", range(6), quick=1)
 def test_a_record_is_parted_at_its_loads(seed: int) -> None:
     found = parted(seed)
@@ -93,6 +94,7 @@ def test_a_record_without_a_load_is_not_parted(seed: int, pole: float) -> None:
     assert found.verdict.status == "trusted"
 
 
+@pytest.mark.slow
 @every("seed", [2, 0, 1], quick=1)
 def test_a_drift_is_no_load(seed: int) -> None:
     u, y = record(seed, ())

@@ -158,6 +158,7 @@ HEATERS = pd.DataFrame({"t": DT * np.arange(600), "Q1": U[:, 0], "Q2": U[:, 1], 
 NAMED: dict[str, Any] = {"input": ["Q1", "Q2"], "output": "T1"}
 
 
+@pytest.mark.slow
 def test_every_input_of_a_table_counts() -> None:
     ran, fitted = (call(HEATERS, **NAMED, **ASKED) for call in (rp.run, rp.fit))
     for row in (ran, fitted):
@@ -173,6 +174,7 @@ def test_every_input_of_a_table_counts() -> None:
         rp.run(HEATERS, **NAMED, structure=rp.Structure(1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", [rp.fit, rp.run])
 def test_fit_and_run_take_outputs_as_columns_or_by_name(call: Any) -> None:
     matrix = whole(call)

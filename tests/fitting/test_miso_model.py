@@ -149,6 +149,7 @@ def test_a_log_that_lacks_an_input_is_refused(model: rp.RowModel, given: tuple[s
         assert model.validate(log).fit == model.validate(u, y).fit
 
 
+@pytest.mark.slow
 def test_prediction_uses_the_colour_of_the_residual() -> None:
     u, y = record(6, 0.0)
     white = 0.1 * np.random.default_rng(7).standard_normal(y.size)
@@ -225,6 +226,7 @@ def test_what_cannot_be_predicted_is_refused(model: rp.RowModel, arguments: dict
         model.predict(**given)
 
 
+@pytest.mark.slow
 def test_two_records_give_one_model_with_an_offset_each() -> None:
     logs = []
     for seed, offset in ((3, 0.0), (4, 90.0)):
@@ -238,6 +240,7 @@ def test_two_records_give_one_model_with_an_offset_each() -> None:
     assert np.linalg.inv(both.covariance) == pytest.approx(added, rel=0.3, abs=0.05 * np.abs(added).max())
 
 
+@pytest.mark.slow
 def test_a_signal_that_should_be_an_input_is_named() -> None:
     u, y = record(5)
     rest, fan = (np.random.default_rng(seed).choice([-1.0, 1.0], SAMPLES // 10).repeat(10) for seed in (9, 8))

@@ -19,6 +19,7 @@ def run(log: rp.Log, poles: int) -> Result:
     return judged_by_log(rp.run(log, poles=poles), log)
 
 
+@pytest.mark.slow
 @every("identified, glitches", [(rp.fit, 20), (rp.fit, 1), (run, 20), (run, 1)], quick=1)
 @every("level", [300.0, 0.0], quick=1)
 def test_values_that_the_plant_has_not_seen_are_named(identified, glitches: int, level: float) -> None:
@@ -49,6 +50,7 @@ def test_pulses_that_the_plant_answers_are_none(poles: int) -> None:
     assert not any("far from" in reason for reason in verdict.reasons)
 
 
+@pytest.mark.slow
 @every("identified", [rp.fit, run], quick=1)
 @every("seed", [0, 2, 3], quick=1)
 def test_a_straight_line_on_the_output_is_named(identified, seed: int) -> None:
@@ -60,6 +62,7 @@ def test_a_straight_line_on_the_output_is_named(identified, seed: int) -> None:
     assert identified(rp.detrend(log), poles=1).verdict.status == "trusted"
 
 
+@pytest.mark.slow
 @every("seed", range(3), quick=1)
 def test_what_a_slow_plant_does_is_no_drift(seed: int) -> None:
     """It rises all along, but the model of too few poles is wrong beside a line, too."""

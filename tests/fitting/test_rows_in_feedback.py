@@ -87,6 +87,7 @@ def test_with_a_reference_faults_are_named_as_in_open_loop(fault: str) -> None:
     assert sum(words in reason for reason in reasons) >= 2, reasons
 
 
+@pytest.mark.slow
 @every("seed", [7, 9], quick=1)
 def test_of_a_short_record_the_known_inputs_give_starts_too(seed: int) -> None:
     """From what the reference explains of the inputs alone the steps ended at poles of 1e12 rad/s, or a wrong gain."""
@@ -95,6 +96,7 @@ def test_of_a_short_record_the_known_inputs_give_starts_too(seed: int) -> None:
     assert found.parameters == pytest.approx(TRUE, rel=0.5)
 
 
+@pytest.mark.slow
 def test_an_input_whose_plant_changes_is_named_alone() -> None:
     u, y, r = looped(2, snr=46.0, act=lambda u, k: (1.0 + k / SAMPLES) * u)
     said = " ".join(rp.fit(u, y, DT, **ASKED, reference=r).verdict.reasons)
@@ -102,6 +104,7 @@ def test_an_input_whose_plant_changes_is_named_alone() -> None:
     assert "input u2, beside the others: the plant" not in said
 
 
+@pytest.mark.slow
 def test_of_an_input_at_rest_no_figure_is_given() -> None:
     u, y, r = looped(0, snr=20.0)
     u[:, 1] = 0.0
@@ -110,6 +113,7 @@ def test_of_an_input_at_rest_no_figure_is_given() -> None:
     assert not any("nan" in reason for reason in verdict.reasons)
 
 
+@pytest.mark.slow
 def test_with_a_reference_a_missing_dead_time_is_named() -> None:
     u, y, r = looped(0, snr=20.0)
     u[:-3, 0] = u[3:, 0].copy()
@@ -124,6 +128,7 @@ def under_a_load(seed: int) -> Any:
     return rp.fit(u, y, DT, **ASKED)
 
 
+@pytest.mark.slow
 @every("seed", [0, 1, 2, 3, 5, 4], quick=1)
 def test_under_a_load_the_estimate_without_a_reference_is_not_trusted(seed: int) -> None:
     assert under_a_load(seed).verdict.status == "inconsistent"
@@ -135,6 +140,7 @@ def test_under_a_load_the_estimate_without_a_reference_may_be_off() -> None:
     assert "input u1 answers to disturbances of the output: a controller makes it" in found.verdict.reasons[0]
 
 
+@pytest.mark.slow
 @every("poles, seed", product([(1, 2), (1, 1)], range(6)), quick=2)
 def test_a_structure_that_is_wrong_is_no_controller(poles: tuple[int, int], seed: int) -> None:
     """The dead time is forgotten, or a pole is: the error answers to single past inputs, and these to none of it."""
@@ -170,6 +176,7 @@ def test_each_of_two_loops_has_a_reference() -> None:
     assert found.parameters == pytest.approx(rp.fit(u, y, DT, **ASKED, reference=r).parameters, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_reference_that_is_not_known_leaves_its_output_out() -> None:
     u, y, r = looped(2)
     r[100:150] = np.nan
@@ -254,6 +261,7 @@ def test_a_law_is_that_by_which_an_input_follows() -> None:
     assert explained[:, 0] == pytest.approx(followed, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_search_finds_the_structure_in_feedback() -> None:
     u, y, r = looped(7, samples=1500)
     found = rp.search(u, y, DT, poles=((1, 2), (1,)), delays=((0.0,), (0.3,)), reference=r)

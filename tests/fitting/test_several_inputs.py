@@ -46,6 +46,7 @@ def test_three_inputs_with_zeros_are_told_apart() -> None:
         assert [*g.num, *g.den] == pytest.approx([*true.num, *true.den], rel=1e-5)
 
 
+@pytest.mark.slow
 @every(
     "pole, correlation, runs",
     [(0.0, 0.0, 3), (0.0, 0.9, 6), (0.9, 0.0, 6), (0.9, 0.9, 6)],
@@ -63,6 +64,7 @@ def test_the_joint_covariance_is_that_of_the_errors(pole: float, correlation: fl
     assert least < total < 1.33 * most
 
 
+@pytest.mark.slow
 def test_a_slow_pole_in_slow_noise_is_not_known() -> None:
     """The first input makes most of the output, and white parts of the noise hide no coefficient of it."""
     slower = rp.TransferFunction([0.2], [1.0, 0.02], delay=0.3)
@@ -88,6 +90,7 @@ def test_lost_outputs_inputs_and_a_gap_cost_what_they_told() -> None:
     assert np.isnan(found.output[[*range(6), *range(1500, 1506)]]).all()
 
 
+@pytest.mark.slow
 def test_outliers_and_a_stuck_sensor_are_left_out_as_of_one_input() -> None:
     u = toggling(6, samples=2000)
     y = noisy(6, row_of(u, FAST, SLOW))
@@ -166,6 +169,7 @@ class TestVerdict:
         found = rp.fit(u, y, DT, **(asked or ASKED)).verdict
         return found.status, " ".join(found.reasons)
 
+    @pytest.mark.slow
     def test_an_input_that_rests(self) -> None:
         u = toggling(0)
         u[:, 1] = 3.0
@@ -176,12 +180,14 @@ class TestVerdict:
         u[800:, 1] = u[800, 1]  # four fifths of the record
         assert "does not move" not in self.status(u, noisy(0, row_of(u, FAST, SLOW)))[1]
 
+    @pytest.mark.slow
     def test_an_output_that_is_an_input(self) -> None:
         u = toggling(0)
         status, reasons = self.status(u, u[:, 1].copy())
         assert status == "inconsistent"
         assert reasons.startswith("the output is a copy of the input u2")
 
+    @pytest.mark.slow
     def test_inputs_that_move_together(self) -> None:
         u = toggling(1, correlation=0.9999, samples=2000)
         status, reasons = self.status(u, noisy(1, row_of(u, FAST, FAST)), poles=(2, 2))
@@ -201,6 +207,7 @@ class TestVerdict:
         apart = u + np.outer(np.arange(2000) == 1000, [0.0, 1.0])  # a single sample makes them two
         assert "as one signal" not in self.status(apart, noisy(seed, row_of(u[:, :1], FAST)), poles=(2, 1))[1]
 
+    @pytest.mark.slow
     def test_an_input_that_explains_nothing(self) -> None:
         u = toggling(2)
         status, reasons = self.status(u, noisy(2, row_of(u[:, :1], FAST)), poles=(2, 1))
@@ -208,6 +215,7 @@ class TestVerdict:
         assert "input u2" in reasons
         assert "input u1" not in reasons
 
+    @pytest.mark.slow
     def test_a_pole_too_few(self) -> None:
         plant = rp.TransferFunction([4.0], [1.0, 0.8, 4.0]), SLOW
         u = toggling(3, samples=2000)
@@ -217,6 +225,7 @@ class TestVerdict:
         assert "the inputs could explain a further" in reasons
         assert self.status(u, y, poles=(2, 1), delay=(0.0, 0.3))[0] == "trusted"
 
+    @pytest.mark.slow
     def test_what_a_structure_leaves_is_no_answer_of_smooth_inputs(self) -> None:
         """An input that says what it will be next explains a residual that it will explain next."""
         smooth = np.convolve(toggling(6, samples=2100)[:, 1], np.hanning(101) / 50.0, "valid")[:2000]
@@ -277,6 +286,7 @@ def test_what_does_not_match_is_named_in_a_line(u: Any, y: Any, asked: dict[str,
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @every("seed", [4, 0, 2, 3, 5, 1], quick=1)
 def test_an_output_that_has_nothing_to_do_with_the_inputs_is_not_trusted(seed: int) -> None:
     """A slow pole follows a random walk, and the standard deviations of what follows from the inputs are its size."""
@@ -287,6 +297,7 @@ def test_an_output_that_has_nothing_to_do_with_the_inputs_is_not_trusted(seed: i
         assert any("uncertainty of its transfer function" in reason for reason in verdict.reasons)
 
 
+@pytest.mark.slow
 @every("seed", [119, 122, 127, 140], quick=1)
 def test_a_model_beside_which_others_are_as_likely_is_not_trusted(seed: int) -> None:
     """Standard deviations are of one minimum: these are 20 and more of them away from the truth, which is as likely."""
@@ -297,6 +308,7 @@ def test_a_model_beside_which_others_are_as_likely_is_not_trusted(seed: int) -> 
     assert any("another model is as likely" in reason for reason in found.verdict.reasons)
 
 
+@pytest.mark.slow
 @every("size", [1e-80, 1e80, 1e140], quick=1)
 def test_the_unit_of_the_signals_changes_no_estimate(size: float) -> None:
     u = toggling(0, samples=500)
@@ -305,6 +317,7 @@ def test_the_unit_of_the_signals_changes_no_estimate(size: float) -> None:
     assert rp.fit(u * size, y * size, DT, **ASKED).parameters == pytest.approx(usual, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_zero_that_may_cancel_a_pole_of_an_input_is_named() -> None:
     u = toggling(0)
     found = rp.fit(u, noisy(0, row_of(u, FAST, SLOW)), DT, poles=(2, 2), zeros=(0, 1), delay=(0.0, 0.3))
@@ -320,6 +333,7 @@ def test_what_a_decimated_record_sees_ahead_is_no_controller() -> None:
     assert not any("a controller makes it" in reason for reason in found.verdict.reasons)
 
 
+@pytest.mark.slow
 def test_a_table_gives_several_inputs() -> None:
     pandas = pytest.importorskip("pandas")
     u = toggling(2)

@@ -26,6 +26,7 @@ def log(seed: int, noise: float = 0.05, delay: float = 0.0, samples: int = 1000,
     return rp.Log(u[300:], y[300:], DT, None, "u", "y", Path(f"log{seed}.csv"), **more)
 
 
+@pytest.mark.slow
 @every("delay", [0.4, 0.0], quick=1)
 @every("identify", [rp.fit, rp.run])
 def test_without_noise_the_plant_comes_out_exactly(identify: Callable[..., Any], delay: float) -> None:
@@ -61,6 +62,7 @@ def test_what_states_explain_speaks_for_no_input() -> None:
     assert verdict.reasons[0].startswith("the uncertainty of the estimate amounts to")
 
 
+@pytest.mark.slow
 def test_a_search_takes_them_too() -> None:
     found = rp.search([log(1), log(2)], poles=[1, 2], zeros=[0])
     assert found.best.structure == rp.Structure(2)
@@ -84,6 +86,7 @@ def test_logs_that_do_not_belong_together_are_refused(other: rp.Log, problem: st
         rp.fit([log(1), other], poles=2)
 
 
+@pytest.mark.slow
 def test_a_unit_may_be_left_out_in_some_of_them() -> None:
     first, second = (replace(log(k), others={"w": log(k + 2).input}, more_inputs=("w",)) for k in (1, 2))
     stated = replace(second, input_name="u [V]", others={"w [V]": second.others["w"]}, more_inputs=("w [V]",))

@@ -55,6 +55,7 @@ def test_each_moves_an_input_of_its_own(wanted: Any) -> None:
     assert "input u2 is moved by the reference" not in " ".join(one.verdict.reasons)
 
 
+@pytest.mark.slow
 @every(
     "given, more",
     [

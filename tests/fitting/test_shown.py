@@ -47,6 +47,7 @@ SHOWN: dict[str, Callable[[], Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", SHOWN)
 def test_no_result_prints_more_than_twelve_lines(what: str) -> None:
     text = repr(SHOWN[what]())
@@ -71,6 +72,7 @@ def test_responses_say_what_they_end_at() -> None:
     assert repr(rp.TransferFunction([2.0], [1.0, 0.5])) == "<TransferFunction 2 / (s + 0.5)>"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["fit", "run", "search", "step", "impulse", "bode", "nyquist", "poles"])
 def test_a_notebook_shows_the_picture(what: str) -> None:
     shown = SHOWN[what]()._repr_html_()

@@ -82,6 +82,7 @@ def test_a_fleet_without_odd_rigs_names_none_beyond_chance(spread: float, fleets
     assert named <= fleets // 6
 
 
+@pytest.mark.slow
 @every(
     ("gain", "frequency", "damping", "words"),
     [

@@ -181,6 +181,7 @@ def test_a_state_with_shapes_of_its_own_is_sound() -> None:
             assert not is_laid_out(state.fields, state.reals.size - 1, *state.banks.shape)
 
 
+@pytest.mark.slow
 @every("compiler", ["no-such-compiler", "cc 'x", "cc --no-such-option", "false"], quick=1)
 def test_a_compiler_that_fails_is_said_in_one_line(compiler: str, tmp_path: Path) -> None:
     done = subprocess.run(

@@ -494,6 +494,7 @@ def test_a_dashboard_that_cannot_listen_is_one_line() -> None:
     assert f"cannot listen on {address}" in err
 
 
+@pytest.mark.slow
 def test_a_second_session_that_would_write_to_the_same_place_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

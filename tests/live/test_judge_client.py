@@ -99,6 +99,7 @@ def test_commands_come_back_from_the_page(observer: Observer) -> None:
     assert wait_for(observer.poll) == ["freeze"]
 
 
+@pytest.mark.slow
 def test_the_report_is_made_of_the_newest_estimate(observer: Observer) -> None:
     ident = identifier(3000)
     seen(observer, ident)

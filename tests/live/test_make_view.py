@@ -64,6 +64,7 @@ def after_a_stuck_sensor(samples: int) -> tuple[rp.Identifier, View]:
     return identifier, make_view(identifier, SessionInfo(at=samples * DT), EstimateHistory(2))
 
 
+@pytest.mark.slow
 @every("samples", [1900, 2050, 2500, 3000, 4000])
 def test_samples_that_were_bridged_take_no_part_in_the_fit_that_is_shown(samples: int) -> None:
     identifier, view = after_a_stuck_sensor(samples)

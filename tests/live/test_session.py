@@ -47,6 +47,7 @@ def test_batches_of_any_size_give_the_bits_of_the_whole_record(stamped: bool) ->
     assert session.progress.at == pytest.approx(t[-1] if stamped else u.size * DT)
 
 
+@pytest.mark.slow
 def test_numbers_without_stamps_stand_for_a_regular_clock() -> None:
     """Lost samples count as time: otherwise, with a tenth lost, the plant would seem a tenth faster."""
     u, y = record(6000)

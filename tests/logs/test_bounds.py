@@ -204,6 +204,7 @@ def test_a_bomb_of_a_workbook(tmp_path: Path, name: str) -> None:
     assert said or name in ("column",)
 
 
+@pytest.mark.slow
 def test_twenty_thousand_sheets_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("openpyxl")
     assert "20,005 files" in check(workbook(tmp_path / "log.xlsx", rows=[NAMES], sheets=20_000))

@@ -167,6 +167,7 @@ def test_resampling_makes_no_more_samples_than_there_is_to_know() -> None:
         resample(log_of(np.ones(20), np.ones(20), 1.0, t), 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
 def test_every_way_to_a_model_uses_the_hold_of_the_log(hold: str) -> None:
     u = np.convolve(white_noise(3000, 1.0), np.ones(20) / 20, "same")

@@ -312,6 +312,7 @@ def test_names_that_may_be_a_damaged_row_say_what_to_do(write: Write) -> None:
         read_columns(write("0,1.5x,2\n0.1,2.5,4\n"))
 
 
+@pytest.mark.slow
 @every("header", ["{}", '"{}"', "c{}", None], ids=["numbers", "quoted", "names", "none"], quick=2)
 def test_a_hundred_thousand_columns_are_opened(write: Write, header: str | None) -> None:
     """benchmarks/wide_logs.py measures that the time is proportional to the number of columns."""

@@ -13,6 +13,7 @@ from support.cases import every
 TRIES, MORE = 2, 5  # in `make test` and in `make slow`; as many as one likes in `make fuzz`
 
 
+@pytest.mark.slow
 @every("name", [*FORMATS][:: len(FORMATS) // 5])
 def test_mutants_of_some_formats(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     mutants(name, TRIES, capsys)

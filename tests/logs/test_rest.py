@@ -74,6 +74,7 @@ def test_a_dead_time_does_not_hide_the_rest() -> None:
     assert found.one_step > 80.0
 
 
+@pytest.mark.slow
 @every("several", [False, True], quick=1)
 def test_the_rest_is_no_part_of_the_record_that_is_counted(several: bool) -> None:
     """The added samples count neither as samples nor as rejected ones, nor in the duration."""

@@ -220,6 +220,7 @@ def test_what_goes_wrong_in_a_record_leaves_the_order(wrong: str) -> None:
     assert (bank.rejected["not finite"] == some.size) == (wrong == "lost")
 
 
+@pytest.mark.slow
 @every(
     "places, seed, size",
     product([(300,), (700,), (700, 749)], (1, 2), [1e1, 1e4, 1e6, 1e9, 1e12]),

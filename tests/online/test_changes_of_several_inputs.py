@@ -96,6 +96,7 @@ def test_a_load_at_an_input_is_found() -> None:
     assert distance(ident, TRUE) < chi2_quantile(0.9999, TRUE.size)
 
 
+@pytest.mark.slow
 @every("seed", range(8), quick=1)
 def test_one_branch_that_changes_is_learned_anew(seed: int) -> None:
     """The first samples since are explained by a load as well."""
@@ -138,6 +139,7 @@ def doubled(seed: int, at: int, samples: int) -> tuple[FloatArray, FloatArray]:
     return u, noisy(seed, y, 0.0)
 
 
+@pytest.mark.slow
 @every("seed", range(4), quick=1)
 def test_a_change_raises_an_alarm(seed: int) -> None:
     """The next look is due 200 samples later; the innovations tell sooner."""

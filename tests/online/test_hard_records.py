@@ -96,6 +96,7 @@ KINDS = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @every("kind", [*KINDS[1:], *KINDS[:1]], ids=lambda kind: kind.__name__, quick=1)
 @every("seed", range(2), quick=1)
 def test_every_way_to_a_model_ends_in_good_order(kind, seed: int) -> None:

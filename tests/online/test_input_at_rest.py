@@ -209,6 +209,7 @@ def resting(moves: int = MOVES, load: float = 0.0) -> tuple[np.ndarray, np.ndarr
     return u, y
 
 
+@pytest.mark.slow
 @every("optimizer", VERDICTS, quick=1)
 def test_a_model_that_was_trusted_stays_so_and_the_rest_is_said(optimizer: str) -> None:
     """Also after the samples that showed it are no longer kept, and when the plant moves again."""

@@ -64,6 +64,7 @@ def test_chunks_and_checkpoints_at_any_place_change_no_bit(name: str, seed: int)
     assert whole.to_bytes() == loop.to_bytes() == parts.to_bytes()
 
 
+@pytest.mark.slow
 @every("seed", range(6), quick=2)
 def test_every_sample_is_accepted_or_counted(seed: int) -> None:
     ident = made()

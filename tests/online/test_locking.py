@@ -95,6 +95,7 @@ def test_no_sample_is_lost_in_many_runs() -> None:
         given_by_threads(rp.Identifier(poles=2, dt=DT, startup=100), *record(500, seed))
 
 
+@pytest.mark.slow
 def test_no_sample_of_an_ensemble_is_lost_however_many_threads_give_them() -> None:
     u, y = record(400)
     steps = [adapting(step) for step in (1e-4, 1e-3, 1e-2)]

@@ -80,6 +80,7 @@ def test_single_samples_and_chunks_of_any_size_give_the_same_bits(stamped: bool)
     assert whole.to_bytes() == loop.to_bytes() == parts.to_bytes()
 
 
+@pytest.mark.slow
 @every("samples", [601, 50, 300], quick=1)
 def test_a_checkpoint_continues_to_the_bit(samples: int) -> None:
     """While a sample is held back, during the start-up, and between two solutions."""

@@ -19,6 +19,7 @@ def begun() -> Any:
     return rp.Identifier(**ASKED, dt=DT)
 
 
+@pytest.mark.slow
 @every("load, pole", [(False, 0.0), (True, 0.95)], quick=1)
 def test_the_estimate_is_right_under_any_noise(load: bool, pole: float) -> None:
     u, y, r = looped(0, load=load, pole=pole)

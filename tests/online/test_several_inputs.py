@@ -82,6 +82,7 @@ def test_between_two_solutions_the_recursion_is_what_a_solution_would_be(pole: f
     assert np.abs((ident.parameters - fitted.parameters) / std).max() < 0.02
 
 
+@pytest.mark.slow
 def test_of_a_long_record_the_newest_samples_are_learned_though_it_is_not_solved(monkeypatch: Any) -> None:
     monkeypatch.setattr("replant.online.miso_state.RECENT", 2000)
     u, y = record(2, 5000)
@@ -232,6 +233,7 @@ def test_an_alarm_that_cannot_be_is_damage(name: str, wrong: float) -> None:
         rp.Identifier.from_bytes(encode_other(ROW, plain, arrays | {name: changed}, None))
 
 
+@pytest.mark.slow
 def test_the_model_is_that_of_the_samples_so_far() -> None:
     u, y = record(6)
     ident = begun()
@@ -324,6 +326,7 @@ def test_what_does_not_match_is_named_in_a_line(call: Any, words: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_an_update_to_an_unstable_pole_is_named_and_solved_anew() -> None:
     u, y = record(0, 3500)
     ident = begun()
@@ -365,6 +368,7 @@ def test_finish_does_not_learn_what_came_while_the_estimate_was_frozen() -> None
     assert (ident.parameters == before).all()
 
 
+@pytest.mark.slow
 @every("poles, seed, again", [((2, 1), 0, False), ((2, 1), 1, True), ((1, 1), 0, True)])
 def test_a_record_begins_afresh_where_its_model_may_not_be_the_likeliest(
     monkeypatch: Any, poles: Any, seed: int, again: bool
@@ -384,6 +388,7 @@ def test_a_record_begins_afresh_where_its_model_may_not_be_the_likeliest(
     assert bool(others) is again
 
 
+@pytest.mark.slow
 @every("seed", [0, 6, 9, 10], quick=1)
 def test_a_start_at_another_minimum_is_mended(seed: int) -> None:
     """The first 500 samples are explained as well by a fast branch in the place of the slow one."""
@@ -467,6 +472,7 @@ def doubled_at(samples: int, seed: int, load: float = 0.0) -> tuple[FloatArray, 
     return u, clean + 0.1 * rng.standard_normal(2 * samples)
 
 
+@pytest.mark.slow
 @every("seed", range(3), quick=1)
 def test_a_plant_that_has_changed_is_learned_anew(seed: int) -> None:
     u, y = doubled_at(2000, seed)
@@ -522,6 +528,7 @@ def test_a_sensor_that_is_dead_for_long_costs_no_sample() -> None:
     assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
 
 
+@pytest.mark.slow
 def test_a_change_is_followed_by_any_chunks_and_from_a_checkpoint_to_the_bit() -> None:
     u, y = doubled_at(1500, 0)
     whole = rp.Identifier(poles=(1, 1), delay=(0.0, 0.3), dt=0.1)

@@ -38,6 +38,7 @@ def until(outputs: int, lost: BoolArray) -> int:
 # --- outputs that are missing
 
 
+@pytest.mark.slow
 @every("share", [0.05, 0.15], quick=1)
 @every("stamped", [False, True])
 def test_with_missing_outputs_the_first_model_is_that_of_fit(share: float, stamped: bool) -> None:
@@ -217,6 +218,7 @@ def test_a_copy_goes_on_by_itself_and_a_reset_forgets() -> None:
     assert copy.to_bytes() == plain.to_bytes()
 
 
+@pytest.mark.slow
 def test_finish_ends_it_with_the_outputs_there_are() -> None:
     u, y = measured(12, 300)
     y, lost = some_missing(y, 0.15, 12)

@@ -33,6 +33,7 @@ def made(name: str, **arguments: object) -> rp.Identifier:
     return rp.Identifier(rp.Structure(plant.den.size - 1, delay=plant.delay), DT, **arguments)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @every("name", PLANTS, quick=1)
 @every(("where", "size"), [("output", 2.0), ("output", 0.3), ("input", 3.0)], quick=1)
 @every("forgetting", [1.0, 0.999], quick=1)
@@ -91,6 +92,7 @@ def test_chunks_do_not_matter_to_it() -> None:
     assert state(whole) == state(chunks)
 
 
+@pytest.mark.slow
 @every("seed", range(3), quick=1)
 def test_a_step_behind_a_dead_time_is_found(seed: int) -> None:
     """Suppositions that leave out the samples at which the output steps take it for coloured noise."""

@@ -71,6 +71,7 @@ def test_a_step_is_judged_by_what_it_showed_before_the_rest() -> None:
     assert (verdict.status, verdict.excited) == ("trusted", False)
 
 
+@pytest.mark.slow
 def test_a_load_in_start_up_is_found() -> None:
     u = np.random.default_rng(3).choice([-1.0, 1.0], 80).repeat(10)
     y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1) + 3.0 * (np.arange(800) >= 400)
@@ -84,6 +85,7 @@ def test_a_load_in_start_up_is_found() -> None:
     assert ident.parameters == pytest.approx([0.5, 2.0], rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_plant_that_changed_keeps_the_model_since() -> None:
     u = moved(2, 6000)
     y = np.concatenate(
@@ -161,6 +163,7 @@ def test_what_is_known_since_a_change_is_no_mixture_of_two_plants(seed: int) -> 
     assert ident.parameters == pytest.approx([0.5, 0.8], rel=0.15)
 
 
+@pytest.mark.slow
 @every("seed", range(6), quick=1)
 def test_a_mixture_of_two_plants_is_trusted_by_neither_fit_nor_finish(seed: int) -> None:
     u, y = changed(seed, rp.TransferFunction([1.0], [1.0, 2.0]), 908)
@@ -180,6 +183,7 @@ def changed_under_control(seed: int) -> tuple[FloatArray, FloatArray, FloatArray
     return *closed_loop([2.0], [1.0, 1.0], (0.4, 0.3), 0.05, r, np.zeros(r.size), noise, gain), r
 
 
+@pytest.mark.slow
 @every("seed", range(4), quick=1)
 def test_a_plant_that_changed_under_a_controller_with_a_reference_is_no_mixture(seed: int) -> None:
     u, y, r = changed_under_control(seed)

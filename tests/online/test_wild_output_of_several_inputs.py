@@ -1,6 +1,7 @@
 """A wild output moves the recursive estimate of several inputs by no more than an outlier may."""
 
 import numpy as np
+import pytest
 
 import replant as rp
 from support.cases import every
@@ -21,6 +22,7 @@ def identified(wild, seed):
     return ident
 
 
+@pytest.mark.slow
 @every("amplitude", [10.0, -1e3, 1e6, 1e12], quick=1)
 def test_the_estimate_moves_by_less_than_a_standard_deviation(amplitude):
     clean, hit = identified({}, 5), identified({AT: amplitude, AT + 40: -amplitude}, 5)

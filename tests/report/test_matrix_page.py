@@ -53,6 +53,7 @@ def test_a_page_of_one_output_has_each_input(outputs: list[Output], tmp_path: Pa
     assert page.count("<math") == 2
 
 
+@pytest.mark.slow
 def test_a_page_of_two_outputs_is_a_matrix(outputs: list[Output], tmp_path: Path) -> None:
     page = write_rows(tmp_path / "report.html", outputs).read_text()
     names = [chart["name"] for chart in charts(page)]

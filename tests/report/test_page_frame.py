@@ -91,6 +91,7 @@ def marked_pages(page, pictures: str, path: Path) -> tuple[list[list[int]], list
     return found("TOP"), found("END")
 
 
+@pytest.mark.slow
 def test_a_formula_has_no_vertical_scrollbar(browser, plain, tmp_path: Path) -> None:
     page = opened(browser, write_report(tmp_path / "report.html", plain.result, plain.log))
     overflow = page.evaluate("[...document.querySelectorAll('.math')].map(box => getComputedStyle(box).overflowY)")

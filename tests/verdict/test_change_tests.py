@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 import replant as rp
 from replant.verdict.sensor_and_excitation import _powers
@@ -49,6 +50,7 @@ def test_outputs_that_are_nearly_all_in_the_newest_block_make_no_burst() -> None
     assert not any("largest power" in reason for reason in reasons), reasons
 
 
+@pytest.mark.slow
 @every("seed", [1, 0, *range(2, 8)], quick=1)
 def test_outputs_that_are_missing_make_no_burst_of_a_drift(seed: int) -> None:
     """A drift is predicted by its past; where that is missing, nothing is known of an error one step ahead."""

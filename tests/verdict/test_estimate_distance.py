@@ -166,6 +166,7 @@ def thermostat(seed: int, samples: int = 4000) -> tuple[np.ndarray, np.ndarray]:
     return u, y
 
 
+@pytest.mark.slow
 @every("seed", range(6), quick=2)
 def test_where_disturbances_alone_move_a_loop_no_other_model_is_said_to_come_of_its_filter(seed: int) -> None:
     """The slopes explain much of the disturbances there: what they leave has another colour than the noise."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import replant as rp
 from replant.signals import random_steps
@@ -47,6 +48,7 @@ def checked(u: np.ndarray, y: np.ndarray) -> None:
     np.testing.assert_allclose(advised.parameters[:2], [1.0 / 30.0, 2.0 / 30.0], rtol=0.02)
 
 
+@pytest.mark.slow
 @every("seed", range(6), quick=2)
 def test_an_output_written_once_it_has_moved_is_named_and_its_reports_give_the_plant(seed: int) -> None:
     u, y = record(seed, 0.01)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 
 import replant as rp
 from replant.kernels.filters.autoregressions import play
@@ -35,6 +36,7 @@ def verdict(u: np.ndarray, moved: np.ndarray, seed: int, plant: rp.TransferFunct
     return ident.assess()
 
 
+@pytest.mark.slow
 @every("gain", [1.0, -3.0], quick=1)
 @every("fault", ACTUATORS, quick=2)
 def test_it_is_named(fault: str, gain: float) -> None:
@@ -53,6 +55,7 @@ def test_a_linear_one_is_not(seed: int) -> None:
     assert not any("actuator" in reason for reason in found.reasons)
 
 
+@pytest.mark.slow
 def test_an_input_of_two_levels_cannot_tell() -> None:
     """Every curve through two points is a straight line: the linear model is right for such an input."""
     u = binary(3, SAMPLES, 8)

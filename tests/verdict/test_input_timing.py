@@ -71,6 +71,7 @@ def with_lost_rows(
     return u[kept], y[kept], t[kept]
 
 
+@pytest.mark.slow
 @every("seed", range(4), quick=1)
 def test_lost_rows_do_not_make_a_held_input_straight(seed: int) -> None:
     """Through them a straight line is nearer to what the input did than one step, whatever its hold is."""
@@ -102,6 +103,7 @@ def late(plant: rp.TransferFunction, delay: float, given: float, seed: int) -> r
     return rp.fit(u, y, 0.1, structure).verdict
 
 
+@pytest.mark.slow
 @every(("delay", "given"), [(0.05, 0.0), (0.15, 0.1), (0.2, 0.1), (0.25, 0.3)])
 @every("seed", range(3), quick=1)
 def test_half_a_sample_of_dead_time_is_said(delay: float, given: float, seed: int) -> None:
@@ -185,6 +187,7 @@ def late_loop(seed: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return u[rows:], y, r
 
 
+@pytest.mark.slow
 @every("with_reference", [True, False])
 @every("seed", range(6), quick=2)
 def test_a_dead_time_is_missed_in_a_loop_as_in_open_loop(seed: int, with_reference: bool) -> None:

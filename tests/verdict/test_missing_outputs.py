@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import replant as rp
 from support.cases import every
 from support.loops import coloured
 
 
+@pytest.mark.slow
 @every("seed", [0, 2, 3, 4], quick=1)
 def test_slow_noise_behind_holes_is_not_taken_for_what_the_input_explains(seed: int) -> None:
     """An integrator after one step: behind each hole the noise is on the level that it had before."""

@@ -77,6 +77,7 @@ def test_coefficients_that_depend_on_the_operating_point_are_named(
     assert said(verdict, LEVELS), verdict.reasons
 
 
+@pytest.mark.slow
 @every("bent", SLIGHTLY)
 def test_a_plant_that_is_slightly_nonlinear_stays_trusted(bent: str) -> None:
     """It is named, as far as it is sure, in a remark."""
@@ -186,6 +187,7 @@ def test_a_column_holds_no_input_of_its_own_sample(poles: int) -> None:
     np.testing.assert_array_equal(columns(u)[-1], columns(other)[-1])
 
 
+@pytest.mark.slow
 @every("spring", [0.0, 1.0])
 def test_dry_friction_is_named(spring: float) -> None:
     """A positioning plant with and without a spring; without friction it is trusted."""
@@ -253,6 +255,7 @@ def test_no_figure_is_given_beyond_first_order() -> None:
     assert said(verdict, "G differs by 100 % at least")
 
 
+@pytest.mark.slow
 @every("seed", [0, 2])
 def test_a_line_that_is_left_of_the_output_is_no_other_plant(seed: int) -> None:
     """Taken off both signals, lines leave a part of the plant's answer; `fit` takes it for loads, or for a drift."""

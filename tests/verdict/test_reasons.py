@@ -79,6 +79,7 @@ def test_nor_is_a_coarse_output_that_was_logged_with_few_digits(seed: int, judge
     assert not said(judged(u, np.round(rounded(y, 40), 1)), LIMIT), seed
 
 
+@pytest.mark.slow
 @every("seed", range(4), quick=2)
 def test_an_output_that_is_cut_off_is(seed: int) -> None:
     u, y = slow(seed)

@@ -16,6 +16,7 @@ from support.http_request import ask
 from support.waiting import PATIENCE
 
 
+@pytest.mark.slow
 def test_it_serves_until_ctrl_c_and_takes_the_next_port_where_one_is_in_use(motor: Path) -> None:
     command = [sys.executable, "-m", "replant", "open", str(motor), "--at", "127.0.0.1:0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as first:

@@ -169,6 +169,7 @@ def test_a_log_that_cannot_be_read_is_said_on_its_page(tmp_path: Path) -> None:
         session.close()
 
 
+@pytest.mark.slow
 def test_a_session_is_saved_to_one_file_and_opened_again(motor: Path, tmp_path: Path) -> None:
     with client(motor) as page:
         page.is_read()

@@ -80,6 +80,7 @@ def test_while_the_input_rests_no_other_plant_is_told(what: str) -> None:
     assert found.supposition is Supposition.LOAD
 
 
+@pytest.mark.slow
 @every("seed", range(3))
 @every(
     ("what", "supposition"),

@@ -45,6 +45,7 @@ def record(seed: int, kind: str) -> tuple[np.ndarray, np.ndarray, float, int]:
     return u[::FINE], y + rng.choice([0.02, 0.1]) * y.std() * rng.standard_normal(samples), dt, poles
 
 
+@pytest.mark.slow
 @every("kind, hold", [("held", "zoh"), ("straight", "foh"), ("sines", "zoh"), ("sines", "foh")])
 @every("seed", range(6), quick=2)
 def test_a_surplus_pole_explains_no_less(kind: str, hold: str, seed: int) -> None:

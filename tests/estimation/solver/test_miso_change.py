@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 
 from replant.estimation.simulation.miso import Row, RowRecord
 from replant.estimation.solver.miso_change import find_change, plant_change
@@ -45,6 +46,7 @@ def changed(*, a0: float = 0.5, b0: float = 2.0, gain: float = 1.0) -> tuple[Tra
     return TransferFunction([b0], [1.0, a0]), TransferFunction([gain], [1.0, 3.0], delay=0.3)
 
 
+@pytest.mark.slow
 @every("seed, pole", [(seed, pole) for seed in range(2) for pole in (0.9, 0.0)], quick=1)
 def test_another_plant_is_found_where_it_began(seed: int, pole: float) -> None:
     for other in (changed(b0=3.0), changed(a0=1.0, b0=4.0), changed(gain=2.0)):

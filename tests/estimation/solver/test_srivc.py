@@ -245,6 +245,7 @@ def test_what_each_of_several_records_begins_with_counts_as_fitted() -> None:
     assert abs(np.mean(variances) - 1.0) < 4.0 * np.sqrt(2.0 / 507 / len(variances))
 
 
+@pytest.mark.slow
 @every("seed", [2, 0, 3, 10, 1], quick=2)
 def test_a_drift_larger_than_the_response_leads_no_start_and_no_choice_astray(seed: int) -> None:
     """A slow pole follows a random walk and simulates better; whitened, the plant is thousands of nats likelier."""

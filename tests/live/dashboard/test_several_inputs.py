@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from replant.live.dashboard.app import Hub
 from replant.live.dashboard.server import serve
 from support.dashboard_pages import Page
@@ -11,6 +13,7 @@ POLES = "() => [...document.querySelectorAll('#modes th')].map(head => head.text
 TITLES = "() => [...document.querySelectorAll('#multiples h3')].map(head => head.textContent)"
 
 
+@pytest.mark.slow
 def test_a_button_chooses_the_input_whose_model_is_shown(browser) -> None:
     hub = Hub()
     with serve(hub) as served:

@@ -71,6 +71,7 @@ def assert_same(one: Result, other: Result) -> None:
     np.testing.assert_array_equal(one.history.std, other.history.std)
 
 
+@pytest.mark.slow
 @every("optimizer", ["auto", "amsgrad"])
 @every("size", [333, 1, 3000], quick=1)
 @every("fitted", [1000, 1 << 18], quick=1)
@@ -90,6 +91,7 @@ def test_the_size_of_the_batches_does_not_matter(
     assert source.passes == (2 if optimizer == "auto" else 3)
 
 
+@pytest.mark.slow
 def test_of_a_record_too_long_to_be_held_the_newest_samples_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "FITTED", 1000)
     u, y = record(3000)
@@ -189,6 +191,7 @@ def test_what_is_left_out_does_not_depend_on_how_the_record_comes() -> None:
     assert one.left_out_over_time(DT)[-1, 1] == pytest.approx(4600 * DT)
 
 
+@pytest.mark.slow
 def test_the_output_of_a_model_that_would_run_away_is_predicted_as_by_a_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also over a record of many pieces, of which the last is a single sample, and with outputs missing."""
     rng = np.random.default_rng(0)

@@ -17,6 +17,7 @@ CLEAR = noisy(5, row_of(U, FAST, SLOW), decibels=20.0)  # the slow input is told
 PLANT = (2.0, 1.0), (0.2, 0.4)  # gain and pole of each input
 
 
+@pytest.mark.slow
 def test_a_run_is_the_identifier_finished() -> None:
     found = rp.run(U, CLEAR, DT, **ASKED)
     ident = rp.Identifier(**ASKED, dt=DT, startup=120)
@@ -41,6 +42,7 @@ def test_the_output_behind_a_load_is_that_of_the_load() -> None:
     assert np.sqrt(np.nanmean(left**2)) < 1.2 * np.sqrt(found.noise.residual_variance)
 
 
+@pytest.mark.slow
 def test_the_output_of_the_plant_before_a_change_is_not_known() -> None:
     u, since = toggling(7, samples=4000), np.arange(4000) >= 2000
     first, second = (rp.TransferFunction([b], [1.0, a]).simulate(u[:, i].copy(), 0.1) for i, (b, a) in enumerate(PLANT))
