@@ -35,7 +35,7 @@ from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_samples import REASONS, RowClock, RowHistory, RowSamples, RowSettings, Screened
-from replant.verdict.miso_evidence import unsure, untold
+from replant.verdict.miso_certainty import unsure, untold
 from replant.verdict.miso_tests import lacking
 from replant.verdict.verdict import Finding
 

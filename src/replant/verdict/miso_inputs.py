@@ -26,7 +26,7 @@ from replant.numerics.linear_algebra import chi2_quantile, inner, products
 from replant.numerics.projections import lengths_of, weights_by, widening, without
 from replant.verdict.estimate_tests import FARTHEST
 from replant.verdict.input_faults import EARLY, later, timing_finding
-from replant.verdict.miso_evidence import relative_sizes
+from replant.verdict.miso_certainty import relative_sizes
 from replant.verdict.miso_tests import beside_nuisances, is_rounding, of_filters, power_of_row
 from replant.verdict.verdict import Finding, percent
 

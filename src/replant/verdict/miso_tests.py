@@ -18,9 +18,10 @@ from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import chi2_quantile, combined, inverse_of, products, sum_of_squares
 from replant.numerics.projections import orthogonal, widening, without
 from replant.verdict.evidence import COPY_OF, FEWEST, RESTED, STANDS_STILL, is_copy, moving, rounding_of
+from replant.verdict.held_output import held_output_findings
 from replant.verdict.loop import Reference
-from replant.verdict.miso_evidence import faults_of_row, seen_by_each, unsure, untold
-from replant.verdict.sensor_and_excitation import held_output_findings
+from replant.verdict.miso_certainty import unsure, untold
+from replant.verdict.miso_evidence import faults_of_row, seen_by_each
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, figure, percent
 
 GIVEN_UP = (
@@ -45,9 +46,10 @@ def judged(
     others = [finding for finding in others if finding.reason != GIVEN_UP]
     is_named = any(each.status == "inconsistent" and each.reason != GIVEN_UP for each in faults)
     still = not np.ptp(row.record.y[row.record.is_measured]) > 0.0
-    findings = [] if still else [*_copied(row), *untold(row, point, covariance)]
     if still:
-        findings.append(Finding("inconsistent", STANDS_STILL.format(f"the last {duration(row.record.span)}")))
+        findings = [Finding("inconsistent", STANDS_STILL.format(f"the last {duration(row.record.span)}"))]
+    else:
+        findings = [*_copied(row), *untold(row, point, covariance)]
     if not findings:
         findings += _useless(row, point, noise, covariance)
         seen = seen_by_each(row, point, covariance)
@@ -55,10 +57,8 @@ def judged(
         # an estimate that runs with the samples may be older than a change
         outdated = [] if findings or is_of_record else list(_outdated(row, point, noise, covariance))
         named = [] if is_named or findings else list(faults_of_row(seen, in_time=not outdated))
-        others, is_named = (
-            [*held, *named, *others],
-            is_named or any(each.status == "inconsistent" for each in [*held, *named]),
-        )
+        is_named = is_named or any(each.status == "inconsistent" for each in [*held, *named])
+        others = [*held, *named, *others]
         # a named fault also lets other dynamics explain the residual: in feedback the input explains the noise
         general = general if is_named else [*lacking(row, point, noise), *general]
         known = [] if findings or general else list(unsure(row, point, covariance))
@@ -70,7 +70,7 @@ def judged(
     )
     verdict = Verdict(*told, excited=excited)
     rest = len(row.inputs) - max(moving(u) for u in row.inputs.T)
-    if not excited or is_of_record or rest < min(RESTED, len(row.inputs) // 4):
+    if not excited or is_of_record or rest < max(min(RESTED, len(row.inputs) // 4), 2):
         return verdict
     reason = f"no input has moved for the last {duration(row.record.last(rest).span)}: move one to learn more"
     return replace(verdict, excited=False, reasons=(*verdict.reasons, reason))

@@ -47,6 +47,7 @@ from replant.verdict.evidence import (
     is_constant,
     is_copy,
 )
+from replant.verdict.held_output import held_output_findings
 from replant.verdict.input_faults import (
     bends_of,
     dead_time_findings,
@@ -111,7 +112,7 @@ def _judged(evidence: Evidence) -> Assessment:
         found = sensor_and_excitation.excitation(runs.now, evidence.newest)
         figures |= {"condition": found.condition, "excitation": found.share}
         # an output that is held between reports looks like a stuck sensor
-        held = sensor_and_excitation.held_output_findings((evidence, runs))
+        held = held_output_findings((evidence, runs))
         findings += held or _of_sensor(evidence, runs)
         # a fault that the comparison with the model has named is not named again
         named = bool(held) or any(each.status != "trusted" for each in findings)

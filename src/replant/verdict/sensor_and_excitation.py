@@ -1,15 +1,9 @@
 r"""Tests of the record: excitation of the plant, faults of sensor and clock, and growth of the residual.
 
-A sensor slower than the clock, a historian with a deadband, or a program that repeats the last message holds the output
-between reports.  To the model this looks like a dead time of about half their interval, and like a stuck sensor.  A
-model is made of the reports alone, to first order.  In a row that repeats a held output its error contains the movement
-of the plant since the report, and is larger.  If a coarse scale gives equal outputs by chance, it is no larger, as the
-model is then nearest in the middle of a run.  The ratio of powers then has Snedecor's F distribution, each run as one.
-
 The information matrix of the coefficients is :math:`\sum \zeta\zeta^T` over the instruments (the slopes of the
 simulated output along a and b), offset and initial state eliminated, each entry scaled by its size over all samples.
 
-Sources: Ljung (1999), "System Identification: Theory for the User", sections 13.2, 14.2 and 14.4; Soderstrom and Stoica
+Sources: Ljung (1999), "System Identification: Theory for the User", sections 13.2 and 14.4; Soderstrom and Stoica
 (1989), "System Identification", section 5.4.
 """
 
@@ -27,12 +21,12 @@ from replant.estimation.simulation.model_run import PER_COEFFICIENT, ModelRun
 from replant.kernels.monitoring.outliers import MANY, STEPS
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import innovations
-from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import eigenvalues, products, sum_of_squares
-from replant.numerics.projections import TAKEN_AWAY, amounts_of, without
+from replant.numerics.levels import MATTERS
+from replant.numerics.linear_algebra import eigenvalues, products
+from replant.numerics.projections import TAKEN_AWAY, without
 from replant.numerics.robust import never_ties, robust_std, still_runs, usual_step
-from replant.verdict.estimate_tests import FARTHEST, MOST_UNCERTAIN, MOVED_SIGMAS, Speeds
-from replant.verdict.evidence import FEWEST, ROUNDING, Evidence, Runs, rounding_of
+from replant.verdict.estimate_tests import MOST_UNCERTAIN, MOVED_SIGMAS
+from replant.verdict.evidence import FEWEST, ROUNDING, Evidence, Runs
 from replant.verdict.verdict import Finding, duration, figure, percent
 
 WORST_CONDITION = 1e7  # condition of the scaled instruments: its square leaves 2 digits of float64's 16 [ratio]
@@ -222,44 +216,6 @@ def stuck_finding(
 def times_after(seconds: Sequence[float]) -> str:
     """Return the times of one or more events after the first sample, in words."""
     return f"{', '.join(duration(each) for each in seconds)} after the first sample"
-
-
-def held_output_findings(*views: tuple[Evidence, Runs]) -> list[Finding]:
-    """Return a finding if the output is held between reports, by the view with the largest change of a coefficient."""
-    found = [each for each in (_held(*view) for view in views) if each is not None]
-    if not found:
-        return []
-    size, fresh = max(found)
-    reason = f"the output is held from report to report, and new in {percent(fresh)} of its rows"
-    advice = f"made of these alone, a coefficient differs by {percent(size)}: make the cells that repeat the one before"
-    return [Finding("inconsistent" if size > FARTHEST else "trusted", f"{reason}: {advice} empty")]
-
-
-def _held(evidence: Evidence, runs: Runs) -> tuple[float, float] | None:
-    """Return the largest relative change of a coefficient by a model of the reports alone, and their part of the rows.
-
-    None if the output is not held.
-    """
-    from scipy import special  # slow to import
-
-    rows, run = evidence.known, runs.now
-    y, used = evidence.raw[rows], evidence.used[rows]
-    used = used & (y > y[used].min()) & (y < y[used].max())  # at the ends of its scale a sensor also repeats values
-    repeated = np.concatenate([[False], used[1:] & used[:-1] & (y[1:] == y[:-1])])
-    reports = used & ~repeated
-    fresh, held = int(np.count_nonzero(reports)), int(np.count_nonzero(repeated[1:] & ~repeated[:-1]))
-    if 2 * held < fresh or fresh < evidence.enough:  # most reports are not repeated, or there are too few for a model
-        return None
-    columns = np.hstack([run.zeta[rows], run.nuisances[rows]])
-    step = amounts_of(columns[reports], run.error[rows][reports])
-    left = run.error[rows] - columns @ step
-    power = sum_of_squares(left[repeated]) / np.count_nonzero(repeated)
-    freedom = fresh - step.size
-    ratio = power / max(sum_of_squares(left[reports]) / freedom, rounding_of(run.forced[rows], y[used]) ** 2)
-    if not special.fdtrc(held, freedom, ratio) < ALPHA:
-        return None
-    size = runs.size(step[: evidence.coefficients], Speeds.of(evidence, closed=False).poles)
-    return size, fresh / int(np.count_nonzero(used))
 
 
 def left_out_finding(samples: int) -> list[Finding]:
