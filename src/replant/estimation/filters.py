@@ -51,7 +51,7 @@ class Filter:
     @property
     def fixed(self) -> StateVariableFilter | None:
         """The filter itself if it is fixed; None if it follows the estimate."""
-        return self if isinstance(self, StateVariableFilter) else None
+        return None
 
     def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
         """Return the fixed filter that equals this one for an estimate with this monic ``denominator`` (n + 1,)."""
@@ -117,6 +117,11 @@ class StateVariableFilter(Filter):
     def regular_only(self) -> bool:
         """Whether it needs a regular clock, as the article's filter does."""
         return self.method == "gbt"
+
+    @property
+    def fixed(self) -> StateVariableFilter:
+        """The filter itself."""
+        return self
 
     def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
         """Return this filter, for any estimate."""

@@ -276,7 +276,7 @@ def _check_together(chosen: Settings | Request) -> None:
         chosen.optimizer.check(chosen.structure.size)
 
 
-#: The check of each setting, by its name; and that of each one that a user may leave to the data.
+#: The check of each setting, by its name; and that of each argument, which may leave it to the data.
 CHECKS: dict[str, tuple[Any, ...]] = {
     "structure": (instance, Structure), "dt": (duration,), "filter": (instance, *FILTERS),
     "scaling": (instance, Scaling), "optimizer": (instance, Optimizer), "replay": (instance, Replay, None),

@@ -147,7 +147,7 @@ class Begins(NamedTuple):
     models: tuple[FloatArray, ...] = ()
 
     def there(self, row: Row, _: Autoregression) -> list[Point]:
-        """Return the models as starts."""
+        """Return the models as starts, each with the noise model that it was found with."""
         noise, outside = self.noise, row.from_outside
         return [] if noise is None else [evaluate(outside, each, noise) for each in self.models]
 

@@ -13,7 +13,8 @@ from replant.estimation.engine.dimensions import RECENT
 from replant.fitting.structure_evidence import numbers_of
 from replant.numerics.arguments import FloatArray, record
 from replant.numerics.levels import ALPHA
-from replant.online.bank_weights import EVENTS, Lead, Members, Weights
+from replant.online.bank_members import Members
+from replant.online.bank_weights import EVENTS, Lead, Weights
 from replant.online.change_response import AGAIN
 from replant.online.locking import Turn, changes, reads
 from replant.online.trace import BankTrace, Trace
@@ -106,7 +107,7 @@ class Bank(Members):
             member.reset()
 
     def __deepcopy__(self, memo: Any) -> Bank:
-        (made := object.__new__(Bank)).__setstate__(self.__getstate__())
+        (made := object.__new__(type(self))).__setstate__(self.__getstate__())
         return made
 
     @reads

@@ -1,4 +1,4 @@
-r"""The members of a bank and their weights: dynamic model averaging, begun with the evidence of the record.
+r"""The weights of a bank: dynamic model averaging over its members, begun with the evidence of the record.
 
 While the record grows, the weights begin anew at growing counts with its evidence, as in the structure search
 (`replant.fitting.structure_evidence`), so that poor predictions after a bad start of a member do not count.  Later
@@ -12,29 +12,22 @@ weights towards a prior that penalises each parameter by ln(RECENT) / 2, as the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.record import Record
-from replant.estimation.filters import RefinedFilter
-from replant.estimation.settings import AUTO, STORED
 from replant.estimation.simulation.model_run import prediction_error
-from replant.fitting.model import Model
 from replant.fitting.structure_evidence import Evidence, numbers_of
 from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
-from replant.numerics.arguments import BoolArray, FloatArray, IntArray, whole
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import quiet
-from replant.online.estimate import Estimate, Identification
-from replant.online.locking import reads
-from replant.verdict import Assessment
+from replant.online.estimate import Estimate
 
 # the memory is the number of samples that the verdict uses, with a half-life of 6931 samples; with a tenth of it two
 # structures must differ by ten times as much, as the penalty of a parameter hardly falls
@@ -43,11 +36,6 @@ FORGETTING = 1.0 - 1.0 / RECENT  # forgetting factor of the weights' evidence, p
 MOST = 10  # structures: a handful; replant fit searches more [count]
 EVENTS = 100  # changes of the lead kept, the newest [count]
 SIZE = LAGS + 1
-
-#: Arguments that the members of a bank choose from the data, so that their predictions are comparable.
-CHOSEN = "scaling", "optimizer", "replay", "instruments", "normalize", "background"
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -185,85 +173,3 @@ def shares_of(logs: FloatArray) -> FloatArray:
     parts = np.exp(logs - np.where(np.isfinite(top), top, 0.0))
     total = parts.sum(axis=-1, keepdims=True)
     return np.where(total > 0.0, parts / np.where(total > 0.0, total, 1.0), 1.0 / logs.shape[-1])
-
-
-def asked_for(structures: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the checked arguments of each member."""
-    for name in ("poles", "zeros", "delay"):
-        if given.get(name) is not None:
-            raise InvalidArgumentError(f"a list of structures has its own {name}: leave out {name}")
-    for name in CHOSEN:
-        if name in given:
-            raise InvalidArgumentError(f"the members of a list of structures take no {name}: leave it out")
-    chosen = given.get("filter", AUTO)
-    if not isinstance(chosen, RefinedFilter) and not (isinstance(chosen, str) and chosen == AUTO):
-        raise InvalidArgumentError(
-            "the members of a list of structures take the refined filter alone: leave out filter"
-        )
-    wrong = next((each for each in structures if not isinstance(each, Structure)), None)
-    if wrong is not None:
-        raise ArgumentTypeError(f"structure must hold Structures, got {shown(wrong)}: write Structure(poles=2)")
-    if not 2 <= len(structures) <= MOST:
-        raise InvalidArgumentError(f"structure must be a Structure, or a list of 2 to {MOST}, got {len(structures)}")
-    twice = next((each for i, each in enumerate(structures) if each in structures[:i]), None)
-    if twice is not None:
-        raise InvalidArgumentError(f"structure has {shown(twice)} twice: give each once")
-    history = whole("history", given.get("history", STORED), RECENT, STORED)
-    return [given | {"structure": each, "history": history} for each in structures]
-
-
-def _of_served(read: Callable[[Estimate], T], meaning: str) -> T:
-    """Return a property that reads an attribute of the leading member."""
-    return cast("T", property(lambda members: read(members._served), doc=meaning))
-
-
-class Members(Identification):
-    """Identifiers that learn side by side; the model of the leading one is served."""
-
-    _members: tuple[Any, ...]  # identifiers
-    _lead: int
-
-    @property
-    def structures(self) -> tuple[Structure, ...]:
-        """The structures of the members."""
-        return tuple(member.structure for member in self._members)
-
-    @property
-    @reads
-    def members(self) -> tuple[Any, ...]:
-        """Copies of the members, identifiers in the same state."""
-        return tuple(member.clone() for member in self._members)
-
-    @property
-    @reads
-    def lead(self) -> int:
-        """Number of the member that is served."""
-        return self._lead
-
-    @property
-    def _served(self) -> Estimate:
-        served: Estimate = self._members[self.lead]
-        return served
-
-    structure = _of_served(lambda lead: lead.structure, "Structure of the model that is served.")
-    dt = _of_served(lambda lead: lead.dt, "Sampling time in s.")
-    names = _of_served(lambda lead: lead.names, "Names of the parameters of the model that is served.")
-    has_model = _of_served(lambda lead: lead.has_model, "Whether there is an estimate.")
-    parameters = _of_served(lambda lead: lead.parameters, "The estimate (P,) that is served.")
-    covariance = _of_served(lambda lead: lead.covariance, "Its covariance (P, P).")
-    uncertainty = _of_served(lambda lead: lead.uncertainty, "Its standard deviations.")
-    noise = _of_served(lambda lead: lead.noise, "The model of its residual's noise.")
-    transfer_function = _of_served(lambda lead: lead.transfer_function, "The estimate that is served, as G(s).")
-    samples = _of_served(lambda lead: lead.samples, "Samples that the leading member has accepted.")
-    rejected = _of_served(lambda lead: lead.rejected, "Samples that the leading member has rejected, by reason.")
-    status = _of_served(lambda lead: lead.status, "`Identifier.status` of the leading member.")
-
-    @property
-    def model(self) -> Model:
-        """The model that is served, to keep; see `Identifier.model`."""
-        model: Model = self._members[self.lead].model
-        return model
-
-    def assess(self) -> Assessment:
-        """Return the verdict on the model that is served; see `Identifier.assess`."""
-        return self._served.assess()

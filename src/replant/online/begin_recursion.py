@@ -24,7 +24,7 @@ SHORTEST_MEMORY = 100  # least samples of constant input before it rests, if an 
 FORGETS = 0.1  # forgetting per sample, times the start-up's length, up to which it counts as none [ratio]
 ROOM = 1e6  # largest growth of variances by forgetting: nothing is known then [variances of the start-up]
 
-#: Slots that count the samples which no state learns.
+#: Slots that count rejected samples.  Samples that are learned again count outliers, stuck and missing outputs anew.
 REJECTED = [slot for slot in REASONS.values() if slot not in (State.outliers, State.stuck, State.no_output)]
 
 

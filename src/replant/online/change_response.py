@@ -42,7 +42,7 @@ AGAIN = 1.5  # growth of a record, or of the part since an alarm or change, afte
 
 
 def note_alarm(state: State, settings: Settings) -> None:
-    """Plan the first look into an alarm that was raised; 0: never, as too few samples are kept."""
+    """Plan the first look into an alarm that was raised; ``look_at`` 0: never, as too few samples are kept."""
     if state.alarm != Alarm.RAISED:
         return
     first = max(_began(state) + least_since(settings.structure), state.samples + 1)
@@ -220,8 +220,9 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
         return None
     of_plant, again = found.supposition is Supposition.PLANT, begin <= old.changed_at
     # the samples before those that one G(s) is assumed to explain
-    before, gap = old.changed_at if old.change.is_of_plant else old.record_began, old.gap_at
-    if again:
+    before = old.changed_at if old.change.is_of_plant else old.record_began
+    gap = old.gap_at
+    if again:  # the last change is replaced: what held before it
         before = old.before_began if old.change is Supposition.PLANT else old.record_began
         gap = gap_before(old)
     new = restart(old, settings, refined, contest.since, begin if of_plant else before)

@@ -1,4 +1,4 @@
-"""Checkpoint file: complete at every moment: written under another name, synced, renamed; the previous one is kept.
+"""Checkpoint file, complete at every moment: written under another name, synced, renamed; the previous one is kept.
 
 1. The new content is written to a file ``.new`` and synced to the disk.
 2. The present file gets the second name ``.old``.

@@ -26,7 +26,7 @@ from replant.online.ensemble_members import (
     lane_of,
     may_join,
 )
-from replant.online.estimate import Adapting
+from replant.online.identification import Adapting
 from replant.online.identifier import Identifier
 from replant.online.locking import Turn, changes, reads
 from replant.online.trace import Trace
@@ -281,7 +281,7 @@ class Ensemble(Adapting):
         self._on_drafts(lambda member: member._adapt_draft(adapt))
 
     def _on_drafts(self, work: Callable[[Identifier], None], **more: Any) -> None:
-        """Let all members do some work as one: an interrupt leaves those before."""
+        """Let all members do some work as one: an interrupt leaves all as they were."""
         members = [member._draft() for member in self._members]
         for member in members:
             work(member)

@@ -1,14 +1,11 @@
-"""Estimate: all that is read from an `Identifier`, and what identifiers of all kinds have in common."""
+"""Estimate: the base class of `Identifier` with all that is read from it; nothing here changes its state."""
 
 from __future__ import annotations
 
-import copy
 from functools import partial
-from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from replant.errors import InvalidArgumentError
 from replant.estimation.engine.estimate_covariance import covariance
 from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.state import REASONS, State
@@ -19,105 +16,15 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.online.locking import Shared, changes, reads
+from replant.online.identification import Identification
+from replant.online.locking import reads
 from replant.online.startup import Solved, collected, provisional, provisional_parameters
 from replant.online.trace import Estimated
 from replant.verdict import Assessment, assess_running, assess_starting
 from replant.verdict.assess import judged
 
-if TYPE_CHECKING:
-    from replant.online.checkpoint_file import AnyPath, Progress
-
 #: Reasons for rejection of samples that also count as accepted.
 COUNTED = {"outlier", "stuck", "no output", "no reference"}
-
-
-def check_begun(is_begun: bool) -> None:
-    """Raise InvalidArgumentError during a start-up, when there is nothing to freeze."""
-    if not is_begun:
-        raise InvalidArgumentError(
-            "freezing needs a model, and the samples for the first one are still being collected: try again later"
-        )
-
-
-class Adapting(Shared):
-    """Estimates that follow the samples, or are frozen."""
-
-    @changes
-    def freeze(self) -> None:
-        """Stop adapting: the filters still take samples, the estimate does not change.
-
-        Raises
-        ------
-        InvalidArgumentError
-            During start-up, when there is no estimate yet; in an ensemble, while any member is in its start-up.
-        """
-        self._adapt(False)
-
-    @changes
-    def resume(self) -> None:
-        """Adapt again after `freeze`.
-
-        Raises
-        ------
-        InvalidArgumentError
-            As for `freeze`.
-        """
-        self._adapt(True)
-
-    def _adapt(self, adapt: bool) -> None:
-        raise NotImplementedError
-
-
-class Identification(Adapting):
-    """Copies and checkpoints of an identifier."""
-
-    def clone(self) -> Self:
-        """Return an independent copy in the same state."""
-        return copy.deepcopy(self)
-
-    __copy__ = clone
-
-    def save(self, path: AnyPath, progress: Progress | None = None) -> None:
-        """Save the whole state to a file, from which `replant.load` continues to the bit.
-
-        The file is replaced atomically; the one before is kept as ``path`` + ".previous".
-
-        Parameters
-        ----------
-        path : path
-        progress : dict, optional
-            Values of int, float and str that `replant.online.saving.load` returns, such as the position in a source.
-
-        Raises
-        ------
-        CheckpointError
-            If the file cannot be written; the existing one stays.
-        InvalidArgumentError
-            If something cannot be saved, such as an ``input_map`` that is a function.
-        """
-        from replant.online.checkpoint_file import write
-
-        write(path, self.to_bytes(progress))
-
-    @reads
-    def to_bytes(self, progress: Progress | None = None) -> bytes:
-        """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes.  See `save`.
-
-        Parameters
-        ----------
-        progress : dict, optional
-            As in `save`.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If something cannot be saved, such as an ``input_map`` that is a function.
-        """
-        return self._encoded(progress)
-
-    def _encoded(self, progress: Progress | None) -> bytes:
-        raise NotImplementedError
 
 
 class Estimate(Identification):

@@ -153,7 +153,7 @@ class Identifier(Lifecycle):
             raise ArgumentTypeError(f"Identifier takes structure and dt without their names, got {len(args)} values")
         if cls is Identifier and isinstance(structure, list | tuple):
             from replant.online.bank import Bank
-            from replant.online.bank_weights import asked_for
+            from replant.online.bank_members import asked_for
 
             more = given | dict(zip(("dt",), args[1:], strict=False))
             return Bank([Identifier(**each) for each in asked_for(structure, more)])
@@ -221,7 +221,7 @@ class Identifier(Lifecycle):
         """
         from replant.online.checkpoint.encoding import decode
 
-        made: Identifier = restored(decode(data).attributes)
+        made: Identifier = restored(decode(data).attributes, cls)
         return made
 
     def _encoded(self, progress: Progress | None) -> bytes:
@@ -451,16 +451,16 @@ class Identifier(Lifecycle):
             raise InvalidArgumentError("the samples before came without r: give it with every sample, or with none")
 
 
-def restored(attributes: dict[str, Any]) -> Any:
-    """Return an identifier of any kind with the content of a checkpoint."""
+def restored(attributes: dict[str, Any], kind: type[Any] = Identifier) -> Any:
+    """Return an identifier with the content of a checkpoint: a bank, one of several inputs, or else one of ``kind``."""
     from replant.online.checkpoint.bank_and_row import restored_bank, restored_row
     from replant.online.checkpoint.encoding import BANK, ROW
 
-    kind: type[Any] = Identifier
     if BANK in attributes:
         from replant.online.bank import Bank
 
-        kind, attributes = Bank, restored_bank(attributes, Identifier.from_bytes)
+        attributes = restored_bank(attributes, kind.from_bytes)
+        kind = Bank
     elif ROW in attributes:
         kind, attributes = RowIdentifier, {"_now": restored_row(attributes)}
     (made := object.__new__(kind)).__setstate__(attributes)

@@ -16,7 +16,8 @@ from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.online import background, second_process
 from replant.online.change_response import look, note_alarm
-from replant.online.estimate import Estimate, check_begun
+from replant.online.estimate import Estimate
+from replant.online.identification import check_begun
 from replant.online.revision import next_revision, revise, solve_whole
 from replant.online.startup import (
     begin,

@@ -21,7 +21,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, array_of_reals, number, one_of, vector, whole
 from replant.numerics.limits import duration, stamps_of
-from replant.online.estimate import Identification, check_begun
+from replant.online.identification import Identification, check_begun
 from replant.online.locking import Turn, changes, reads
 from replant.online.miso_samples import RowSamples, RowSettings, fewest
 from replant.online.miso_state import RowState
@@ -131,7 +131,7 @@ class RowIdentifier(Identification):
         self._turn, self._now = Turn(), attributes["_now"]
 
     def __deepcopy__(self, memo: Any) -> RowIdentifier:
-        (made := object.__new__(RowIdentifier)).__setstate__(self.__getstate__())
+        (made := object.__new__(type(self))).__setstate__(self.__getstate__())
         return made
 
     @classmethod

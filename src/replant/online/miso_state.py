@@ -118,7 +118,8 @@ class RowState:
         if self.clock.held:
             return self._with_held(given, errors, estimates)
         given = given._replace(y=np.where(np.isfinite(given.r).all(axis=1), given.y, np.nan))
-        (u, y, t, r), dt, is_first, is_alarm = given, self.settings.dt, self.recursion is None, False
+        u, y, t, r = given
+        dt, is_first, is_alarm = self.settings.dt, self.recursion is None, False
         last = float(self.kept.values[-1, -1]) if self.samples else -math.inf
         done = Screened.of(self.clock, given, last, dt, self.closest)
         counted = done.is_taken & np.isfinite(y) if is_first else done.is_taken
@@ -126,7 +127,7 @@ class RowState:
         before, due = self.kept.measured if is_first else self.samples, self.due
         reached = np.flatnonzero((np.cumsum(counted) >= due - before) & is_now) if due else np.zeros(0, int)
         end = int(reached[0]) + 1 if reached.size else y.size
-        if end < y.size:
+        if end < y.size:  # screened again, as the clock must be that after these samples
             return self.take(given.part(slice(end)), errors, estimates)
         rejected = {name: self.rejected[name] + int(each.sum()) for name, each in done.turned_away.items()}
         rows = np.flatnonzero(done.is_taken)

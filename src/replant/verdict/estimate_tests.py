@@ -63,8 +63,8 @@ def estimate_findings(
 ) -> tuple[list[Finding], bool, float]:
     """Return the findings on the estimate, whether it moved and explains the newest samples better, and a difference.
 
-    That is the significant difference of the modelled output from that of the estimate with the noise model as a
-    filter, from the same samples, as a part of the output's amplitude; else 0.
+    The difference is that of the modelled output from the one by the estimate with the noise model as a filter, from
+    the same samples, as a part of the output's amplitude; 0 if it may be chance.  Figures are added to ``figures``.
     """
     size, speeds = evidence.coefficients, Speeds.of(evidence, closed, by_reference)
     rows, chance = evidence.known, ALPHA

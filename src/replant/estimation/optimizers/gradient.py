@@ -150,6 +150,11 @@ class RMSProp(Optimizer):
     epsilon: float = 1e-8
     code: ClassVar[int] = 4
 
+    @classmethod
+    def suggested(cls, dt: float, updates: int) -> Self:
+        """Return a step size of ten over the updates to come, between 1e-4 and 1e-3."""
+        return cls(step_size=rounded(min(max(10.0 / updates, 1e-4), 1e-3)))
+
 
 @dataclass(frozen=True)
 class AdaDelta(RMSProp):
@@ -217,6 +222,11 @@ class Adam(Optimizer):
     beta2: float = 0.999
     epsilon: float = 1e-8
     code: ClassVar[int] = 1
+
+    @classmethod
+    def suggested(cls, dt: float, updates: int) -> Self:
+        """Return a step size of ten over the updates to come, between 1e-4 and 1e-3."""
+        return cls(step_size=rounded(min(max(10.0 / updates, 1e-4), 1e-3)))
 
     def begins_with(self, size: int) -> dict[str, Any]:
         """Return the powers of beta1 and beta2 that correct the bias of the moments: one."""

@@ -97,10 +97,9 @@ class Optimizer:
     def suggested(cls, dt: float, updates: int) -> Self:
         """Return this optimizer for auto-scaled signals, sampling time ``dt`` and about ``updates`` updates to come.
 
-        With more updates each step can be smaller: the estimate still converges, with less noise.  A ``step_size`` is
-        ten over the updates to come, between 1e-4 and 1e-3.
+        With more updates each step can be smaller: the estimate still converges, with less noise.
         """
-        return cls(step_size=rounded(min(max(10.0 / updates, 1e-4), 1e-3)))  # type: ignore[call-arg]
+        raise NotImplementedError
 
     def check(self, size: int) -> None:
         """Raise InvalidArgumentError if these settings do not fit ``size`` parameters."""

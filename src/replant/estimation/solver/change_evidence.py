@@ -246,10 +246,10 @@ class Stretch:
     def _drifted(self, error: FloatArray, noise: Autoregression, beside: FloatArray | None) -> tuple[float, int]:
         """Return the largest log-likelihood of a residual minus some line, less its price, and the line's pieces."""
         lines = [(0, error)]
-        for pieces in PIECES if beside is not None else ():
-            assert beside is not None
-            line = np.column_stack([beside, self._columns(pieces)])  # fitted together with the nuisances
-            lines.append((pieces, np.asarray(error - combined(line, least_norm(line, error, WEAKEST)[0]))))
+        if beside is not None:
+            for pieces in PIECES:
+                line = np.column_stack([beside, self._columns(pieces)])  # fitted together with the nuisances
+                lines.append((pieces, np.asarray(error - combined(line, least_norm(line, error, WEAKEST)[0]))))
         tried = [(self._coloured(left, noise) - pieces * self.price, pieces) for pieces, left in lines]
         return max(tried, key=lambda each: each[0])
 

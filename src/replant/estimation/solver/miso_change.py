@@ -344,7 +344,7 @@ class _Fitted:
         return self.row.whitened(noise, self.columns, stretch), self.row.whitened(noise, self.error, stretch)
 
     def surest(self, noise: Autoregression, *, of_plant: bool) -> tuple[int, float]:
-        """Return the surest begin of a change of coefficients or offset, and statistic over limit; 0 by chance."""
+        """Return the surest begin of a change, and its statistic over the limit; 0 if it may be chance."""
         (stretch,) = self.row.stretches
         if float(np.std(self.error)) < HARMLESS * float(np.std(stretch.y[stretch.measured])):
             return 0, 0.0

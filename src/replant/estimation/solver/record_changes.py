@@ -263,10 +263,11 @@ def loads_at_gaps(structure: Structure, record: Record, theta: FloatArray, noise
         usual = max(power - sum(part.explained for part in parts), rounding)
         if not 0.0 < usual < math.inf:
             return ()
-        pairs = ((place, parts[place - 1], parts[place]) for place in gaps)  # and how much less they explain together
-        lost = ((one.explained + two.explained - one.joined(two).explained, place) for place, one, two in pairs)
-        more, place = min((max(more, 0.0), place) for more, place in lost)
-        if 0.5 * record.count * math.log1p(more / usual) > least:
+        pairs = ((place, parts[place - 1], parts[place]) for place in gaps)
+        # how much less each pair explains with one offset than with two
+        losses = ((one.explained + two.explained - one.joined(two).explained, place) for place, one, two in pairs)
+        loss, place = min((max(loss, 0.0), place) for loss, place in losses)
+        if 0.5 * record.count * math.log1p(loss / usual) > least:
             break
         parts[place - 1 : place + 1] = [parts[place - 1].joined(parts[place])]
     return tuple(parts[place].begin for place in gaps)

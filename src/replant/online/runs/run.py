@@ -21,7 +21,7 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.linear_algebra import quiet
 from replant.numerics.robust import NONE, flags_of, stretches_of
 from replant.online.bank import Bank
-from replant.online.bank_weights import asked_for
+from replant.online.bank_members import asked_for
 from replant.online.identifier import Identifier
 from replant.online.running_model import model_of
 from replant.online.runs.result import KNOTS, ClockRecorder, History, Recorder, Result

@@ -31,7 +31,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
 from replant.numerics.robust import flags_of
-from replant.online.bank_weights import asked_for
+from replant.online.bank_members import asked_for
 from replant.online.miso_identifier import RowIdentifier
 from replant.online.miso_samples import RowClock, RowSamples, Screened
 from replant.online.runs.result import Result, result_of_fit
