@@ -377,6 +377,18 @@ def test_a_session_that_could_read_no_line_ends_with_the_first_one_and_what_was_
     assert session.source.counters == {"not a number": 2}
 
 
+def test_a_session_that_goes_on_from_a_checkpoint_says_so_too() -> None:
+    session, _ = make(piped("0;1;2\n1;2;3\n"), progress=Progress(taken=100))
+    with pytest.raises(rp.LogError, match="no sample could be read"):
+        session.run()
+
+
+def test_of_a_header_with_other_columns_those_that_are_read_are_expected() -> None:
+    session, _ = make(piped("u,y,\x1b[2Jz\n1;2;3\n"))
+    with pytest.raises(rp.LogError, match="expected u,y, or JSON objects"):
+        session.run()
+
+
 @pytest.mark.parametrize("text", ["", "time;u;y\n1,2\n3,4\n"])
 def test_a_stream_without_lines_or_with_a_title_ends_as_usual(text: str) -> None:
     session, _ = make(piped(text))

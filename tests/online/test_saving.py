@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import subprocess
 import sys
@@ -189,3 +190,19 @@ def test_what_has_ended_amid_an_alarm_is_saved_and_goes_on(seed: int, tmp_path: 
     for each in (ident, again):
         each.update_many(u[:300], y[:300])
     assert np.array_equal(ident.parameters, again.parameters)
+
+
+class Mine(rp.Identifier):
+    """A user's own kind of identifier."""
+
+
+class MineOfRows(type(rp.Identifier(poles=(1, 1), dt=0.1))):  # type: ignore[misc]
+    """One of several inputs."""
+
+
+def test_copies_and_checkpoints_of_a_subclass_are_of_the_subclass() -> None:
+    ident = Mine(rp.Structure(1), dt=0.1)
+    assert type(Mine.from_bytes(ident.to_bytes())) is Mine
+    row = MineOfRows.of(rp.Identifier(poles=(1, 1), dt=0.1).request)
+    for each in (ident, row):
+        assert type(each.clone()) is type(copy.deepcopy(each)) is type(each)

@@ -249,7 +249,7 @@ def check_one_input(options: dict[str, Any]) -> None:
                 f"--{name} has {len(options[name])} numbers, and there is one input{one}: name the others, each with -i"
             )
     if options["poles"]:
-        Structure(max(options["poles"][0]))  # raises for too many: it names the last of a range, not the first beyond
+        Structure(max(options["poles"][0]))  # refuses too many by the last of a range, not by the first too many
 
 
 def is_range(given: Candidates | None) -> bool:

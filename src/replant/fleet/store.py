@@ -68,7 +68,7 @@ class Store:
         with self._refusals_said():
             self._file = _opened(self.folder / STORE)
         with contextlib.closing(self._file):
-            for left in self.folder.glob(f".*{ENDING}"):  # by killed writers; others write only with the lock
+            for left in self.folder.glob(f".*{ENDING}"):  # left by killed writers: others write only with the lock
                 with contextlib.suppress(OSError):
                     left.unlink(missing_ok=True)
             yield

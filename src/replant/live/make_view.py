@@ -157,9 +157,9 @@ POINTS = 1200  # points of the window: more than its chart has columns of pixels
 NEWEST = 10.0  # end of a long window that gets a third of the points, as the page can show it alone [s]
 
 
-# the part of a view that depends on the kind of identifier: for each input label, structure, transfer function and
-# uncertainty; the newest samples; the output (K,) simulated over them, NaN where unknown; its fit; the verdict; and the
-# model to be kept, as JSON
+# The part of a view that depends on the kind of identifier: the branch of each input, which is its label, structure,
+# transfer function and uncertainty; the newest samples; the output (K,) simulated over them, NaN where unknown; its
+# fit; the verdict; the model to be kept, as JSON.
 _Branch = tuple[str, Structure, TransferFunction, Uncertainty]
 _Seen = tuple[Sequence[_Branch], NewestSamples, FloatArray, float, Verdict, dict[str, Any]]
 

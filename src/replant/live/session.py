@@ -71,6 +71,7 @@ class Session:
         ttl = time_to_live(self.identifier.dt) if self.ttl is None else self.ttl
         self._publisher = Publisher(self.sinks, self.recorder, ttl, notices=self.notices, on_reader_gone=self.stop)
         self._throughput = Throughput()
+        self._begun = self.progress.taken  # samples of a session before, whose checkpoint this one continues
         self._learned = False  # whether samples were learned since the last handover to the observer
         self._inconsistent = False  # whether the identifier may hold samples that the progress does not count
         self._verdict, self._excited = UNKNOWN, False
@@ -131,8 +132,8 @@ class Session:
 
     @property
     def _refused(self) -> str:
-        """The first line that the source refused, while no sample has been read; else empty."""
-        return "" if self.progress.taken else self.source.refused
+        """The first line that the source refused, while this session has read no sample; else empty."""
+        return "" if self.progress.taken > self._begun else self.source.refused
 
     def _learn_batch(self, batch: Batch) -> None:
         """Learn the samples of a batch, up to the limit on samples."""

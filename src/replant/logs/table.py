@@ -183,7 +183,7 @@ class Table:
         most_held: int = sys.maxsize,
         progress: Callable[[int, int], None] = lambda rows, about: None,
     ) -> Arrays:
-        """Return columns, read in one pass: in memory up to ``most_held`` rows, else mapped from temporary files."""
+        """Return columns by name or number from 0, as float64, in one pass; over ``most_held`` rows on the disk."""
         columns = [_Growing(self.path, most_held) for _ in keys]
         rows = 0
         try:

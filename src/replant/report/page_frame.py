@@ -50,7 +50,7 @@ def uplot() -> tuple[str, str]:
     )
 
 
-#: What is drawn for each gravity, of a page or of no model, into 24 by 24: they differ in shape as well as in colour.
+#: The sign of each gravity ("none": no model yet), in a square of 24 by 24; they differ in shape as well as in colour.
 SIGNS = {
     "good": '<circle cx="12" cy="12" r="11"/><path class="mark" d="M6.5 12.5l3.7 3.7 7.3-8"/>',
     "warn": '<path d="M12 1.5L23.5 22H.5z"/><path class="mark" d="M12 9v6M12 18v.6"/>',

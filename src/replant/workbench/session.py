@@ -217,8 +217,9 @@ class Session:
     def again(self, card: str) -> None:
         """Run the job of a card again, after it was stopped or failed."""
         with self.lock:
-            self.cards[card] = replace(self.card(card), state="waiting", error="", percent=0, stage="")
-        self.jobs.start(card, self.cards[card].words)
+            waiting = replace(self.card(card), state="waiting", error="", percent=0, stage="")
+            self.cards[card] = waiting
+        self.jobs.start(card, waiting.words)
 
     def rename(self, card: str, title: str) -> None:
         """Give a card another title."""

@@ -91,7 +91,7 @@ def test_a_batch_keeps_it() -> None:
     assert joined([Batch(U, Y, None, N, 0.0)] * 2).r is None
 
 
-def test_through_a_ring_that_wraps() -> None:
+def test_through_an_inbox_that_is_full_at_times() -> None:
     inbox, taken = Inbox(4, drop=False), []
     for _ in range(5):
         inbox.put(Batch(U, Y, None, None, 0.0, R))

@@ -65,6 +65,14 @@ def test_a_header_may_state_the_unit_of_the_time(name: str, unit: float, copies:
     assert counters == {}
 
 
+def test_the_unit_of_a_header_is_that_of_its_rows_alone() -> None:
+    """Objects have their time in s; a time that leaves float64 is refused."""
+    batch, counters = read('t [ms],u,y\n500,1,2\n{"t": 0.75, "u": 3, "y": 4}\n', signals=Signals())
+    assert (batch.t.tolist(), batch.u.tolist(), counters) == ([0.5, 0.75], [1.0, 3.0], {})
+    batch, counters = read("t [h],u,y\n1e306,1,2\n1,3,4\n", signals=Signals())
+    assert (batch.t.tolist(), counters) == ([3600.0], {"time not finite": 1})
+
+
 @every("header", ["t,u,y", "t,y,u", "y,u,n", "u,t,y", "u,y,r"])
 def test_a_header_may_order_u_and_y_too(header: str) -> None:
     cells = {"t": 0.5, "u": 1.0, "y": 2.0, "n": 3.0, "r": 4.0}

@@ -263,13 +263,13 @@ def filters_begin(s, u, y, interval):
     remember_input(s, u, interval)
     if not s.unknown_input > 0.0:
         return False
-    # the state after an unknown input is free: the filters begin here
+    # the input is delayed as ever
     bank, work = s.banks[s.serving_bank], s.work
     slot = bk.discretization(bank, s.order, s.entries, interval, work)
     s.input_now = advance_input(s, bank, interval, slot, work, bk.INPUT)
     if s.has_reference:
         s.reference_input_now = advance_input(s, bank, interval, slot, work, bk.REFERENCE_INPUT)
-    begin_filters(s)
+    begin_filters(s)  # the state after an unknown input is free
     left = s.unknown_input - interval
     s.unknown_input = left if left > bk.SAME_INTERVAL * interval else 0.0
     return True

@@ -23,7 +23,7 @@ physical units.
 ==========================  ========================  ==================================================================
 code                        where                     why
 ==========================  ========================  ==================================================================
-the order of the stages     `take` of each variant    variants differ in most stages: one function for all would branch
+the order of the stages     each variant              variants differ in most stages: one function for all would branch
                                                       everywhere
 `update_estimate`           stages, fixed_filter,     the general one calls functions; the fixed filter inlines them in
                             ensemble_members          its loop; vectors cannot branch on data, so an update is undone
@@ -34,6 +34,6 @@ an ordinary sample          single,                   vectors cannot branch on d
                             ensemble_ordinary         that would have branched
 filters and regressor       `filters.chain`,          one bank, one interval and held inputs need neither a search for a
                             fixed_filter              discretisation nor the pieces of a dead time
-counting                    `take`, ensemble_members  level members share one set of counters
+counting                    single, ensemble_members  level members share one set of counters
 ==========================  ========================  ==================================================================
 """

@@ -90,7 +90,7 @@ def keep_input(s, rings, u, last, interval):
 
 @inlined
 def advance_filters(s, filters, last, u, y):
-    """Compute the filter states after the previous sample, with input ``last``, and its interval by (6)-(7).
+    """Compute the filter states one interval after the previous sample, whose input was ``last``, by (6)-(7).
 
     `bank.settle` copies them at the end: the regressor is on the critical path, so it is made of the new ones.
     """

@@ -258,7 +258,7 @@ def _plants(model: dict[str, Any]) -> str:
 def assets_of(package: str) -> dict[str, bytes]:
     """Return the files that a package's page loads, by name."""
     files = resources.files(package).joinpath("assets").iterdir()
-    return {each.name: each.read_bytes() for each in files if each.name != PAGE}
+    return {each.name: each.read_bytes() for each in files if each.name != PAGE and Path(each.name).suffix in _TYPES}
 
 
 @cache
@@ -266,7 +266,7 @@ def dashboard_assets() -> dict[str, bytes]:
     """Return all files that the page loads, by name."""
     found = assets_of("replant.live.dashboard") | {name: report_asset(name).encode() for name in _OF_REPORT}
     words = {status: [each.gravity, each.headline, each.text] for status, each in VERDICTS.items()}  # the report's
-    told = f"new Map(Object.entries({json.dumps(words)}));\nexport const SIGNS = {json.dumps(SIGNS)}"
-    found["words.js"] = f"export const VERDICTS = {told};\n".encode()
+    verdicts = f"export const VERDICTS = new Map(Object.entries({json.dumps(words)}));\n"
+    found["words.js"] = f"{verdicts}export const SIGNS = {json.dumps(SIGNS)};\n".encode()
     found["uPlot.js"], found["uPlot.css"] = (text.encode() for text in uplot())
     return found

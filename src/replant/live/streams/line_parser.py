@@ -251,8 +251,6 @@ class Parser:
             return None
         table = self._valid_rows(np.concatenate(tables) if len(tables) > 1 else tables[0])
         by_name = {name: table[:, column].copy() for column, name in enumerate(self.columns)}
-        if TIME in by_name and self._unit != 1.0:
-            by_name[TIME] *= self._unit
         sequence = by_name[NUMBER].astype(np.int64) if NUMBER in by_name else None
         u = together([by_name[name] for name in self.signals.inputs])
         return Batch(u, by_name[self.signals.output], by_name.get(TIME), sequence, arrived, by_name.get(REFERENCE))
@@ -267,6 +265,7 @@ class Parser:
                     fine = (values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values))
                 if not fine.all():
                     self._counters[REASONS[name]] += int(fine.size - fine.sum())
+                    self.refused = self.refused or f"{name} = {values[~fine][0]:g}: {REASONS[name]}"
                     table = table[fine]
         return table
 
@@ -284,7 +283,7 @@ class Parser:
         is_json = lines[0].startswith("{")
         table = table_from_json(lines, self.columns) if is_json else table_from_cells(lines, len(self.columns))
         if table is not None:
-            return [table]
+            return [table if is_json else self._in_seconds(table)]
         if is_json:
             return self._each(lines)
         middle = len(lines) // 2
@@ -318,7 +317,7 @@ class Parser:
             raise Malformed("not a number") from None
         if self.columns is not None:
             check_width(row, len(self.columns))
-            return [row]
+            return [row if self._unit == 1.0 else tuple(self._in_seconds(np.array([row]))[0])]
         by_width = self.signals.by_width
         check_width(row, min(max(len(row), min(by_width)), max(by_width)))
         first, self._waiting = self._waiting, row
@@ -327,6 +326,13 @@ class Parser:
         check_width(first, len(row))  # if the widths differ, the first line was cut
         self.columns, self._waiting = by_width[len(row)], None
         return [first, row]
+
+    def _in_seconds(self, table: FloatArray) -> FloatArray:
+        """Return rows of CSV with the time in s, whatever the header's unit; JSON and packed rows have it in s."""
+        if self._unit != 1.0 and self.columns is not None:
+            with np.errstate(over="ignore"):  # an infinite time is refused
+                table[:, self.columns.index(TIME)] *= self._unit
+        return table
 
     def _json(self, line: str) -> list[Row]:
         try:

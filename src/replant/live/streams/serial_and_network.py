@@ -48,7 +48,9 @@ class Wire(Source):
     def refused(self) -> str:
         """The first line that is not a sample, and what is expected; empty if there is none."""
         parser = self._parser
-        ways = [parser.columns] if parser.columns else parser.signals.by_width.values()
+        # a header may name anything: of its columns those are expected that are read
+        known = tuple(name for name in parser.columns or () if name in parser.signals.fields)
+        ways = [known] if known else parser.signals.by_width.values()
         expected = f"expected {' or '.join(map(','.join, ways))}, or JSON objects with these names"
         return f"{parser.refused}; {expected}" if parser.refused else ""
 
