@@ -357,8 +357,7 @@ class RowIdentifier(Identification):
     @property
     def recent_intervals(self) -> FloatArray:
         """Intervals (K,) in s before each of the same samples."""
-        state, clock = self._now, self._now.newest_rows[:, -1]
-        return np.diff(clock, prepend=clock[:1] - self.dt) if state.stamped else np.full(clock.size, self.dt)
+        return self._now.newest_intervals
 
     @property
     def recent_reference(self) -> FloatArray:
@@ -415,11 +414,13 @@ class RowIdentifier(Identification):
 
     def newest_samples(self, found: RowFit | None) -> NewestSamples:
         """Return the samples of `recent`, with the first reference; ``found``: their fit, or None."""
-        (u, y), intervals, references = self.recent, self.recent_intervals, self.recent_reference
+        state, inputs = self._now, len(self.structures)  # one state: another thread may give samples meanwhile
+        rows, intervals = state.newest_rows, state.newest_intervals
+        u, r, y = rows[:, :inputs].copy(), rows[:, inputs:-2], rows[:, -2].copy()
         judged = np.isfinite(y)
         if found is not None:
             judged[np.concatenate([found.outliers, found.stuck])] = False
-        return NewestSamples(u, y, intervals, references[:, :1].ravel(), judged, is_regular(intervals, self.dt))
+        return NewestSamples(u, y, intervals, r[:, :1].ravel(), judged, is_regular(intervals, self.dt))
 
     def assess(self) -> Verdict:
         """Return the verdict: whether to trust the estimate, and why in plain words.

@@ -111,6 +111,12 @@ class RowState:
         """The newest samples (K, q + p + 2) of the record, as many as the verdict uses."""
         return self.kept.values[-min(self.length, RECENT) :]
 
+    @property
+    def newest_intervals(self) -> FloatArray:
+        """The intervals (K,) in s before each of them."""
+        clock, dt = self.newest_rows[:, -1], self.settings.dt
+        return np.diff(clock, prepend=clock[:1] - dt) if self.stamped else np.full(clock.size, dt)
+
     @quiet
     def take(self, given: RowSamples, errors: FloatArray, estimates: FloatArray) -> tuple[RowState, int]:
         """Take samples up to the next solution, test or alarm; return the state after them and their number."""
