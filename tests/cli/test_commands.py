@@ -317,6 +317,7 @@ def test_help_speaks_of_ranges_where_they_are_taken(capsys) -> None:
         assert ("range such as 1:4" in " ".join(out.split())) == (command != "compare")
 
 
+@pytest.mark.slow
 def test_reasons_fit_the_terminal_and_keep_figures_with_their_units(
     capsys, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

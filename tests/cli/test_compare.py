@@ -82,6 +82,7 @@ def test_the_names_are_the_optimizers_and_three_more() -> None:
     assert len(style.LINES) == len(set(map(str, style.LINES))) >= len(METHODS) - 1  # default is one of the optimizers
 
 
+@pytest.mark.slow
 def test_without_names_the_usual_ones_are_compared_and_none_twice(capsys: Any, log: Path) -> None:
     assert list(json.loads(call(capsys, "compare", log, *COLUMNS, "--json")[1])) == list(USUAL)
     out = call(capsys, "compare", log, *COLUMNS, *chosen("srivc", "gradient", "srivc"), "--json")[1]

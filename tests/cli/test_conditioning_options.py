@@ -110,6 +110,7 @@ def test_settings_that_cannot_be_are_named(
     assert problem in " ".join(capsys.readouterr().err.split())
 
 
+@pytest.mark.slow
 def test_progress_is_printed_in_lines_where_it_is_asked_for(capsys: pytest.CaptureFixture[str], log: Path) -> None:
     _, said = model_of(capsys, "run", log, "--progress")
     lines = [line for line in said.splitlines() if line.startswith("replant: identifying ")]
@@ -149,6 +150,7 @@ def test_a_band_that_is_none_is_refused_in_a_line(
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["run", "fit"])
 def test_the_rest_put_before_a_log_is_counted_nowhere(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str

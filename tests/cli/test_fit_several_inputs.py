@@ -64,6 +64,7 @@ def test_the_model_is_printed_saved_shown_and_validated(capsys: Any, log: Path, 
     assert json.loads(out)[0]["verdict"]["status"] == "trusted"
 
 
+@pytest.mark.slow
 def test_the_next_command_has_the_orders_that_were_found_and_runs(
     capsys: Any, log: Path, tmp_path: Path, monkeypatch: Any
 ) -> None:
@@ -247,6 +248,7 @@ SET_POINTS = ("--reference", "r1", "--reference", "r2")
 ORDERS = ("-p", "1,1", "--delay", "0,0.3")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unrendered")
 @every("command", ["fit", "run"], quick=1)
 def test_each_input_has_a_reference(capsys: Any, followed: Path, tmp_path: Path, command: str) -> None:

@@ -33,6 +33,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 @every("command", ["run", "fit"], quick=1)
 def test_the_result_says_that_the_clock_is_irregular(capsys, log: Path, tmp_path: Path, command: str) -> None:
     code, out, err = call(capsys, command, log, *OPTIONS, "--json", "--out", tmp_path)

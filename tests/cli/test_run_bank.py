@@ -36,6 +36,7 @@ def run(log: Path, *arguments: str) -> None:
     main(["run", str(log), "--input", "u", "--output", "y", "--dt", str(DT), *arguments])
 
 
+@pytest.mark.slow
 def test_the_most_probable_structure_is_served_and_the_weights_are_told(
     capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
 ) -> None:
@@ -56,6 +57,7 @@ def test_the_most_probable_structure_is_served_and_the_weights_are_told(
     assert rp.load_model(kept).structure.poles == 2
 
 
+@pytest.mark.slow
 def test_a_person_reads_the_weights_before_the_result(capsys: pytest.CaptureFixture[str], log: Path) -> None:
     run(log, "-p", "1:2")
     out = capsys.readouterr().out

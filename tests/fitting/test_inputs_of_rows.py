@@ -60,6 +60,7 @@ def test_a_dead_time_that_is_not_given_is_named(seconds: float, pole: float) -> 
         assert not any("the plant has changed" in each for each in verdict.reasons)
 
 
+@pytest.mark.slow
 def test_two_dead_times_that_are_not_given_are_both_named() -> None:
     u = toggling(4, inputs=3, samples=SAMPLES)
     y = noisy(simulated(u, QUICK, late(0.8), rp.TransferFunction([1.0], [1.0, 1.0], delay=0.4)), 4)

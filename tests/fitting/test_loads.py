@@ -60,6 +60,7 @@ def test_a_record_is_parted_at_its_loads(seed: int) -> None:
     assert any(reason.startswith("another load acts since 7") for reason in found.verdict.reasons)
 
 
+@pytest.mark.slow
 @every("seed", range(6), quick=1)
 def test_what_is_left_is_the_noise(seed: int) -> None:
     u, y = record(seed)

@@ -57,6 +57,7 @@ def dask_cluster(count: int) -> Iterator:
         yield cluster
 
 
+@pytest.mark.slow
 @every("on", ["processes:2", "threads:3", "threads:1"], quick=1)
 def test_threads_and_processes_write_the_same_bytes(logs: Path, expected: list[bytes], tmp_path: Path, on: str) -> None:
     assert fitted(logs, tmp_path / "out", on) == expected

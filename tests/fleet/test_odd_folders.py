@@ -95,6 +95,7 @@ def test_the_folder_of_all_logs_is_no_rig_with_one_in_it(tmp_path: Path) -> None
 # --- names
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="names that are no text are those of POSIX")
 def test_a_name_that_is_no_text_is_written_out(tmp_path: Path) -> None:
     (tmp_path / "logs").mkdir()

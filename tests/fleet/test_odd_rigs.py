@@ -337,6 +337,7 @@ def test_the_page_of_a_fleet_without_a_trusted_rig_is_written(tmp_path: Path) ->
     assert "Too few rigs are trusted" in page.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_ten_thousand_rows_are_searched_and_sorted(browser, tmp_path: Path) -> None:
     rows = fleet(0, 50)
     now = saved(tmp_path / "now", rows)

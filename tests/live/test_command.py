@@ -184,6 +184,7 @@ def test_the_demo_takes_fewer_poles_than_its_rig_has(capsys: pytest.CaptureFixtu
     assert "off by" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_summary_for_people_is_printed_in_the_end(tmp_path: Path) -> None:
     with live("-") as process:
         code, out, err = finished(process, b"nonsense\n1e999,2\n" + b"".join(lines(U, Y, T)))
@@ -209,6 +210,7 @@ def test_lines_over_tcp_with_stamps_and_numbers(tmp_path: Path) -> None:
     assert loaded.progress["sequence"] == U.size - 1
 
 
+@pytest.mark.slow
 def test_lines_over_a_serial_port(tmp_path: Path) -> None:
     pty = pytest.importorskip("pty", reason="this system has no pseudo-terminals")
     tty = pytest.importorskip("tty", reason="this system has no pseudo-terminals")
@@ -314,6 +316,7 @@ def answers(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
+@pytest.mark.slow
 def test_samples_and_the_model_over_a_broker(broker: int, tmp_path: Path) -> None:
     """The model is retained: who subscribes later has it at once, with verdict and standard deviations."""
     from paho.mqtt.client import Client
@@ -484,6 +487,7 @@ def test_a_token_that_cannot_be_had_is_one_line(
     assert message in err
 
 
+@pytest.mark.slow
 def test_a_dashboard_that_cannot_listen_is_one_line() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         address = f"127.0.0.1:{taken.getsockname()[1]}"

@@ -50,6 +50,7 @@ def test_batches_of_any_size_give_the_bits_of_the_whole_record(stamped: bool) ->
     assert session.progress.taken == len(U)
 
 
+@pytest.mark.slow
 def test_messages_name_the_input_of_each_parameter() -> None:
     sink = FakeSink()
     make(FakeSource(U, Y, t=T), identifier=fresh(), sinks=[sink])[0].run()

@@ -46,6 +46,7 @@ def test_a_pair_too_many_leaves_the_coefficients_unknown(
         assert (found.uncertainty.response([0.3, 1.0, 3.0])[0] < 0.1).all(), "what the input excites is known"
 
 
+@pytest.mark.slow
 @every("seed", range(4))
 def test_a_right_structure_is_told(seed: int) -> None:
     for plant, poles, zeros in (

@@ -95,6 +95,7 @@ def test_a_slow_second_python_changes_no_bit(
     assert slow.to_bytes() == whole.to_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("new_worker")
 def test_a_second_python_that_is_killed_changes_no_bit(
     record: tuple[np.ndarray, np.ndarray], whole: rp.Identifier, monkeypatch: pytest.MonkeyPatch
@@ -220,6 +221,7 @@ def test_finish_drops_what_is_pending(record: tuple[np.ndarray, np.ndarray]) -> 
     assert ident.samples == SAMPLES - 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stamped", [False, True])
 def test_a_ring_that_is_full(record: tuple[np.ndarray, np.ndarray], stamped: bool) -> None:
     """The oldest samples are written over while the others are looked into; stamps leap and samples are held back."""

@@ -200,6 +200,7 @@ def test_another_plant_changes_the_lead_and_the_change_is_an_event() -> None:
     assert trace.lead[last.taken - 1] == 0
 
 
+@pytest.mark.slow
 @every("wrong", ["outliers", "missing", "stamps", "lost"])
 def test_what_goes_wrong_in_a_record_leaves_the_order(wrong: str) -> None:
     u, y = record(samples=1000)

@@ -39,6 +39,7 @@ CABLES = [
 ]
 
 
+@pytest.mark.slow
 @every("optimizer, plant, kind, size", CABLES, quick=1)
 def test_a_cable_that_floats_teaches_nothing(
     optimizer: str, plant: rp.TransferFunction, kind: str, size: float
@@ -215,6 +216,7 @@ def test_no_look_at_a_gain_that_the_noise_hides_is_trusted(seed: int) -> None:
         assert off < 0.1 or ident.assess().status != "trusted", begin + 20
 
 
+@pytest.mark.slow
 @every("seed", range(3), quick=1)
 def test_a_gain_that_toggles_is_followed_each_time(seed: int) -> None:
     """One model for both is no explanation: neither the samples before the first change, nor those since, are its."""

@@ -229,6 +229,7 @@ def test_the_end_takes_back_a_change_that_was_none(supposition: Supposition, mon
     assert ident.parameters == pytest.approx(fitted.parameters, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_end_keeps_a_change_that_was_one() -> None:
     ident = copy.deepcopy(of_another_plant(0, 2100))
     begins = ident.begins

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 import numpy as np
+import pytest
 
 import replant as rp
 from support.cases import every
@@ -18,6 +19,7 @@ BEAM = next(each for each in hard_loops() if each.key == "K ball-and-beam camera
 TRUTH = np.array([0.0, 0.0, 7.0])
 
 
+@pytest.mark.slow
 @every("run", [200, 201, 202], quick=1)
 def test_the_errors_are_as_large_as_their_standard_deviations_say(run: int) -> None:
     """Four standard deviations: one of the three errors of a run is larger with a chance of 2e-4."""

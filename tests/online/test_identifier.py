@@ -380,6 +380,7 @@ def test_a_rejected_sample_changes_its_count_alone(u: float, y: float, many: boo
     assert ident.status == "running"
 
 
+@pytest.mark.slow
 @every("spike", [1e308, -1e308, 1e151], quick=1)
 @every("preprocess", [rp.Preprocess("square", "mean"), rp.Preprocess("square"), rp.Preprocess()], quick=1)
 def test_a_spike_is_counted_and_leaves_the_estimate_alone(spike: float, preprocess: rp.Preprocess) -> None:

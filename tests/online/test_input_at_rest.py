@@ -93,6 +93,7 @@ def rest(name: str, samples: int) -> None:
     assert is_finite(ident._state)
 
 
+@pytest.mark.slow
 def test_without_noise_idle_time_changes_nothing_from_the_first_sample_on() -> None:
     """Within 1e-6: also while the input's variance has not yet fallen."""
     u, y = record(PLANT, seed=1, samples=12_000, dt=DT, hold=8)

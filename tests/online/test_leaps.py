@@ -134,6 +134,7 @@ def test_stamps_that_are_misread_end_nothing(where: int, stamp: float, times: in
     assert (np.abs(away) < 5.0).all()
 
 
+@pytest.mark.slow
 @every("regular", [True, False], quick=1)
 @every("where", [0, 50, 99, 100, 101, 250], quick=3)
 @every("value", [1e4, 2.0**32, -1e16, 1e149], quick=2)

@@ -232,6 +232,7 @@ def test_other_shapes_and_types_touch_nothing(r: Any, kind: type[Exception], wor
     ident.update(1.0, 1.0)
 
 
+@pytest.mark.slow
 def test_an_unstable_plant_that_is_learned_is_trusted_with_a_reference_alone() -> None:
     """1/(s - 1) under a gain of three and a load that wanders."""
     generator = np.random.default_rng(0)

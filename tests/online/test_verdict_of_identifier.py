@@ -233,6 +233,7 @@ def test_after_a_cable_has_floated_a_slow_plant_is_trusted_when_its_gain_shows()
     assert_trusted(said[-1])
 
 
+@pytest.mark.slow
 @every("decibels", [15.0, math.inf], quick=1)
 @every("failure", ["sticks", "saturates", "falls off", "floats"])
 @every("seed", range(3), quick=1)
@@ -281,6 +282,7 @@ def test_it_is_frozen_and_changes_nothing() -> None:
         verdict.status = "trusted"  # type: ignore[misc]
 
 
+@pytest.mark.slow
 def test_a_verdict_looks_at_all_that_is_kept_and_costs_no_more_however_long_the_stream() -> None:
     """How long that takes is measured by `make bench`."""
     ident = identified(*noisy(AWKWARD["order 4"][1], 12_000, DT, 30.0, seed=3), structure=AWKWARD["order 4"][0])

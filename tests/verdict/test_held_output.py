@@ -55,6 +55,7 @@ def test_an_output_written_once_it_has_moved_is_named_and_its_reports_give_the_p
     checked(u, by_exception(y, 0.2))
 
 
+@pytest.mark.slow
 @every("seed", range(4), quick=1)
 def test_an_output_of_a_slow_sensor_is_named_and_its_reports_give_the_plant(seed: int) -> None:
     u, y = record(seed, 0.03)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import replant as rp
 from replant.estimation.engine.record import Record
@@ -31,6 +32,7 @@ def begin_in(solution: Solution) -> int:
     return begin_of_change(rp.Structure(1), solution.record, solution.found.theta)
 
 
+@pytest.mark.slow
 @every("load", [0.0, 2.0], quick=1)
 def test_one_plant_is_not_taken_for_two(load: float) -> None:
     """Each record has the chance 1e-4: of 40 none in 99.6 % of all cases."""
@@ -46,6 +48,7 @@ def test_a_change_is_dated_to_the_sample(begin: int) -> None:
     assert surest_begin(np.column_stack([slopes, error]), 1, 20, SAMPLES)[0] == begin
 
 
+@pytest.mark.slow
 @every("seed", range(5))
 def test_a_gain_a_fifth_up_is_found_where_it_changed(seed: int) -> None:
     """Under noise of a quarter: (.1 / .27)^2 of the noise's power, over 2000 samples, is 137 in chi-squared."""

@@ -77,6 +77,7 @@ def walking(seed: int) -> Record:
     return record_of(u, LAG.simulate(u, DT) + 0.1 * (walk - walk.mean()) / walk.std())
 
 
+@pytest.mark.slow
 def test_beside_a_random_walk_a_filtered_model_in_doubt_is_taken_unless_its_own_residual_accuses_it() -> None:
     """The plain one is ten times less sure there; of the doubted ones the second test gives up as many as promised."""
     doubted = given_up = 0

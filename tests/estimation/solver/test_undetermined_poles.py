@@ -18,6 +18,7 @@ def plant_of(*poles: float) -> rp.TransferFunction:
     return rp.TransferFunction([a[-1]], a)
 
 
+@pytest.mark.slow
 def test_coefficients_that_hold_poles_which_noise_hides_are_within_their_intervals() -> None:
     plant = plant_of(-0.4, -7.0, -8.0, -9.0)
     truth, off = np.append(plant.den[1:], plant.num), []

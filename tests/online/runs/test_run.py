@@ -120,6 +120,7 @@ def test_every_sample_goes_to_the_sink_and_to_the_progress(monkeypatch: pytest.M
         assert (np.diff(counts) > 0).all()
 
 
+@pytest.mark.slow
 def test_the_start_up_of_a_long_record_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "LONGEST_STARTUP", 400)
     u, y = record()

@@ -53,6 +53,7 @@ def test_the_output_of_the_plant_before_a_change_is_not_known() -> None:
     assert "the plant changed 200 s ago: the estimate is that of the samples since" in " ".join(found.verdict.reasons)
 
 
+@pytest.mark.slow
 @every("seed", range(4), quick=1)
 def test_a_sample_that_is_left_out_takes_its_time(seed: int) -> None:
     rng = np.random.default_rng(seed)
