@@ -62,6 +62,7 @@ def test_halving_an_interval_changes_nothing() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_changing_plant_is_the_solution_of_its_equation() -> None:
     u = records.random_binary(np.random.default_rng(3), 200, 10)
 

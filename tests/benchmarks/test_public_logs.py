@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.io import savemat
 
 import replant as rp
@@ -41,6 +42,7 @@ def record(name: str, noise: float) -> tuple[OutputError, np.ndarray]:
     return OutputError(u, y, DT, len(denominator) - 1, len(numerator) - 1, delay), np.array(denominator[1:])
 
 
+@pytest.mark.slow
 @every("name", PLANTS, quick=3)
 def test_the_anchor_recovers_a_plant_without_noise(name: str) -> None:
     problem, true = record(name, 0.0)

@@ -53,6 +53,7 @@ def test_a_decimated_log_gives_the_same_plant_and_the_filter_is_said(
     np.testing.assert_allclose(values_of(answer), [2.0, 4.0], rtol=0.01)
 
 
+@pytest.mark.slow
 def test_a_log_is_resampled_and_detrended_as_in_python(capsys: pytest.CaptureFixture[str], log: Path) -> None:
     answer, notes = model_of(capsys, "fit", log, "--resample", 0.015, "--detrend")
     whole = rp.read_log(log, input="u", output="y")

@@ -70,6 +70,7 @@ def _check_plots(page: str) -> None:
         assert np.frombuffer(base64.b64decode(chart["times"]), "<f8").size == chart["count"]
 
 
+@pytest.mark.slow
 def test_a_person_reads_it(capsys, log: Path) -> None:
     _, out, _ = call(capsys, "run", log, *OPTIONS)
     assert re.search(r"Clock +irregular: 0\.0\d+ to 40\S* s between samples, usually 0\.05\S* s; 1 gap\b", out)

@@ -40,6 +40,7 @@ def test_fit_and_run_name_the_other_column(capsys, heated: Path, command: str, m
     assert any(reason.startswith(SAID) for reason in verdict["reasons"]), verdict
 
 
+@pytest.mark.slow
 def test_the_report_and_the_saved_model_name_it_too(capsys, heated: Path, tmp_path: Path) -> None:
     saved = tmp_path / "model.json"
     arguments = ("-i", "heater", "-o", "temp", "-p", 1, "--out", tmp_path / "out", "--save", saved)

@@ -132,6 +132,7 @@ def test_a_load_is_found_that_a_slow_pole_has_followed(seed: int) -> None:
     assert ident.assess().status in {"trusted", "converging"}
 
 
+@pytest.mark.slow
 def test_the_model_keeps_what_the_verdict_says_of_loads() -> None:
     model = parted(0).model
     assert any("another load acts since" in reason for reason in model.verdict.reasons)

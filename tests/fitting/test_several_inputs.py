@@ -198,6 +198,7 @@ class TestVerdict:
         u = toggling(1, correlation=0.9, samples=2000)
         assert self.status(u, noisy(1, row_of(u, FAST, FAST)), poles=(2, 2))[0] == "trusted"
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("seed", [*(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1)), 2, 3])
     def test_inputs_that_are_one_signal(self, seed: int) -> None:
         u = toggling(seed, samples=2000)[:, :1] @ np.array([[1.0, -0.3]])

@@ -38,6 +38,7 @@ def step_test(plant: rp.TransferFunction, samples: int, noise: float, seed: int)
     return u, y + white_noise(samples, noise * 2.0 * abs(plant.dc_gain), seed=seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("samples", "grid"),
     [(120, 1.0), pytest.param(120, 0.5, marks=pytest.mark.slow), pytest.param(300, 0.5, marks=pytest.mark.slow)],
@@ -59,6 +60,7 @@ def test_a_first_output_that_is_bad_makes_no_pole() -> None:
     assert search(U, y, 0.05, poles=(2, 1)).chosen.structure == rp.Structure(1)
 
 
+@pytest.mark.slow
 def test_of_structures_alike_the_simpler_one_is_chosen() -> None:
     """Of a lag with noise, a second pole far away fits as well: it costs ln(K) / 2 for itself and for its state."""
     y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(U, 0.05)

@@ -73,6 +73,7 @@ def fleet(seed: int, rigs: int = 150, spread: float = 0.03) -> list[Row]:
 SURE = np.array([0.01, 0.01, 0.02])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spread", "fleets"), [(0.03, 6), *(pytest.param(each, 12, marks=pytest.mark.slow) for each in (0.03, 1e-5))]
 )
@@ -219,6 +220,7 @@ def test_what_has_drifted_is_found_beside_the_uncertainty_of_both(tmp_path: Path
     assert (drift.compared, drift.gone, drift.new, drift.fleet) == (100, ("gone",), (), ())
 
 
+@pytest.mark.slow
 def test_coefficients_that_no_record_tells_are_not_compared(tmp_path: Path) -> None:
     """With a superfluous pole and zero, each record puts the pair elsewhere: that is not a drift."""
 

@@ -64,7 +64,8 @@ def calls() -> list[Call]:
         )  # fmt: skip
         fixed.clone().update_many(u, y)
         rp.Ensemble(fixed, members=8).update_many(u, y)
-        rp.Identifier(poles=(1, 1), dt=0.02, startup=200).update_many(np.column_stack([u, u[::-1]]), y, r=u)
+        two = np.column_stack([u, u[::-1]])
+        rp.Identifier(poles=(1, 1), dt=0.02, startup=200).update_many(two[:240], y[:240], r=u[:240])
         bank = rp.Identifier(structure=[rp.Structure(1), rp.Structure(2)], dt=0.02)
         bank.update_many(u, y)
         assert bank.weights.size == 2  # asked for, they are weighed

@@ -78,6 +78,7 @@ SENSOR = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make_record", "request_", "fault"),
     [

@@ -62,6 +62,7 @@ def test_messages_name_the_input_of_each_parameter() -> None:
     assert all(name in schema["properties"] or re.search(pattern, name) for name in last)
 
 
+@pytest.mark.slow
 def test_a_misread_stamp_costs_its_own_sample_alone() -> None:
     t = T.copy()
     t[1500] = 1e6

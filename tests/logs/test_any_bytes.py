@@ -99,6 +99,7 @@ def forks() -> Iterator[Forks]:
         yield process
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tries", [TRIES, pytest.param(12, marks=pytest.mark.slow)])
 @every(("make", "suffix"), MAKERS)
 def test_a_damaged_file(make: Callable[[], bytes], suffix: str, tries: int, tmp_path: Path, forks: Forks) -> None:

@@ -189,6 +189,7 @@ def test_a_plant_is_found_to_the_digit_from_an_input_on_a_slower_raster() -> Non
     np.testing.assert_allclose(fitted.transfer_function.num, plant.num, rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [2, *(pytest.param(each, marks=pytest.mark.slow) for each in (5, 10))])
 @pytest.mark.parametrize("identified", [rp.fit, rp.run])
 def test_a_plant_is_found_from_an_output_that_is_slower_than_its_input(identified, every: int) -> None:

@@ -151,6 +151,7 @@ class StoppedError(Exception):
     """Stands for Ctrl-C."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stamped", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_result_that_is_early_changes_no_bit(
     record: tuple[np.ndarray, np.ndarray], stamped: bool, monkeypatch: pytest.MonkeyPatch

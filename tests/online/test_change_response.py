@@ -248,6 +248,7 @@ def test_the_verdict_can_be_asked_for_at_any_sample_of_an_alarm_and_after() -> N
         assert not (1600 < k < 1700 and status == "trusted")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["renew", pytest.param("look", marks=pytest.mark.slow)])
 def test_what_the_user_interrupts_is_made_up_for_before_the_next_sample(
     what: str, monkeypatch: pytest.MonkeyPatch
@@ -302,6 +303,7 @@ def test_a_start_up_that_the_user_interrupts_is_ended_before_anything_is_read(
     assert ident.parameters.tolist() == again.parameters.tolist() == twin.parameters.tolist()
 
 
+@pytest.mark.slow
 @every("seed", [1, 3], quick=1)
 def test_a_gain_of_the_other_sign_is_followed(seed: int) -> None:
     """An output that answers to nothing explains the samples since far better than the old model does, too."""

@@ -260,6 +260,7 @@ def test_the_end_finds_another_plant_that_was_missed(monkeypatch: pytest.MonkeyP
     assert any("the plant changed" in reason for reason in ident.assess().reasons)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, pytest.param(4, marks=pytest.mark.slow)])
 def test_fit_finds_a_change_of_a_fifth_without_noise(seed: int) -> None:
     """Loads explain it beside one another, until they are too many; of the whole record nothing seemed wrong then."""

@@ -113,6 +113,7 @@ def test_a_spike_while_frozen_is_forgotten_at_once() -> None:
     assert np.abs(trace.parameters / TRUE - 1.0).max() < 0.03
 
 
+@pytest.mark.slow
 @every("places", [[100], [3, 250, 499], [0], [498]], quick=2)
 def test_a_spike_in_start_up_does_not_spoil_the_first_model(places: list[int]) -> None:
     u, y = measured(3000)
@@ -251,6 +252,7 @@ def jumped(name: str, entry: int, factor: float, at_sample: int, samples: int, d
     return u, y + noise * np.random.default_rng(5).standard_normal(samples), parameters, dt
 
 
+@pytest.mark.slow
 @every(("name", "entry"), JUMPS, quick=1)
 @every("factor", [0.5, 1.5], quick=1)
 @every("kind", ["default", "forgetting"], quick=1)

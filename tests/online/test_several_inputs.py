@@ -176,6 +176,7 @@ def test_what_cannot_be_used_is_counted_and_changes_nothing(awkward: Any) -> Non
     assert (restored.covariance == ident.covariance).all()
 
 
+@pytest.mark.slow
 def test_behind_a_gap_the_state_is_estimated_anew() -> None:
     u, y = record(4, 2000)
     t = DT * np.arange(2000)
@@ -282,6 +283,7 @@ def test_an_input_that_rests_is_named() -> None:
     assert (verdict.status, verdict.excited) == ("not excited", False)
 
 
+@pytest.mark.slow
 def test_a_model_stays_trusted_while_all_inputs_rest_and_it_is_said() -> None:
     """They rest over a third of the samples: where one of them moves on, something can be learned."""
     for moves_on in (True, False):
@@ -489,6 +491,7 @@ def test_a_plant_that_has_changed_is_learned_anew(seed: int) -> None:
     assert distance(ident, np.array([1.0, 2.0, 0.4, 0.4])) < chi2_quantile(0.9999, 4)
 
 
+@pytest.mark.slow
 @every("seed", range(3), quick=1)
 def test_behind_a_load_the_record_goes_on(seed: int) -> None:
     """The offset is another one; what the samples before told of the plant stays."""
@@ -516,6 +519,7 @@ def test_a_load_behind_more_samples_than_are_kept_is_learned() -> None:
     assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_dead_for_long_costs_no_sample() -> None:
     u = toggling(4, samples=16_000)
     y = noisy(4, row_of(u, FAST, SLOW))

@@ -315,6 +315,7 @@ LOGS = {
 }
 
 
+@pytest.mark.slow
 @every(("name", "delay"), LOGS, quick=1)
 def test_one_pole_for_a_real_rig_is_trusted_with_a_caveat_or_not_at_all(
     datasets: Path, name: str, delay: float

@@ -157,6 +157,7 @@ def finished(u: FloatArray, y: FloatArray) -> rp.Identifier:
     return ident
 
 
+@pytest.mark.slow
 @every("seed", range(6), quick=2)
 def test_what_is_known_since_a_change_is_no_mixture_of_two_plants(seed: int) -> None:
     ident = finished(*changed(seed, rp.TransferFunction([0.8], [1.0, 0.5]), 990))

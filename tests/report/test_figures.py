@@ -330,6 +330,7 @@ def test_what_cannot_be_drawn_is_named_in_a_line(plain, draw, words) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_estimates_of_other_coefficients_are_not_drawn_over_each_other(plain) -> None:
     """The same place in two structures is another coefficient: a0 of one pole was drawn over a1 of two."""
     result, u, y, dt = record(plain)

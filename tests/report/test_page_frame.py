@@ -135,6 +135,7 @@ def test_zooming_one_plot_zooms_its_linked_ones(browser, long_report, length: fl
     page.close()
 
 
+@pytest.mark.slow
 def test_keyboard_moves_and_zooms(browser, long_report, length: float) -> None:
     page = opened(browser, long_report)
     for _ in range(12):

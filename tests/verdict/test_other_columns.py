@@ -43,6 +43,7 @@ def test_a_second_input_is_named_with_its_part_of_what_is_left(seed: int) -> Non
     assert fitted.model.verdict.reasons == fitted.verdict.reasons
 
 
+@pytest.mark.slow
 @every(
     "made",
     [

@@ -64,6 +64,7 @@ def said(verdict: rp.Assessment, words: str) -> bool:
     return any(words in reason for reason in verdict.reasons)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("judged", [offline, pytest.param(finished, marks=pytest.mark.slow), online])
 @every("bent", BENT, quick=2)
 def test_coefficients_that_depend_on_the_operating_point_are_named(
@@ -118,6 +119,7 @@ def test_a_plant_that_rises_faster_than_it_falls_is_named(
     assert 15.0 < figure_of(verdict, WAYS) < 30.0, verdict.reasons
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("judged", [offline, pytest.param(finished, marks=pytest.mark.slow), online])
 @every("periods, size", [(1.0, 0.3), (3.3, 0.3)], quick=1)
 def test_a_plant_whose_gain_goes_up_and_down_is_named(

@@ -257,6 +257,7 @@ def test_what_was_running_when_the_server_was_killed_can_be_fitted_again(motor: 
         assert page.session()["cards"] == []
 
 
+@pytest.mark.slow
 def test_a_record_that_goes_on_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "growing.csv"
     path.write_text("t,u,y\n" + "".join(f"{k / 10},{k // 7 % 2},{k % 11}\n" for k in range(300)))

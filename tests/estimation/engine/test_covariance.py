@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
@@ -44,6 +45,7 @@ def estimate(seed: int, noise: float = 0.1, colour: float = 0.0, **arguments: An
     return ident
 
 
+@pytest.mark.slow
 @every("method", METHODS, quick=1)
 @every("colour", [0.9, 0.0], quick=1)
 @every("runs", [6, 12], quick=1)

@@ -241,6 +241,7 @@ def test_an_output_at_rest_is_not_stuck() -> None:
     assert found.parameters == pytest.approx([1.0 / 3.0, 1.0 / 3.0], rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pole", [0.0, 0.9])
 def test_noise_of_any_colour_has_no_outliers(pole: float) -> None:
     """The level is 2e-9 a sample: of 30,000 samples none."""

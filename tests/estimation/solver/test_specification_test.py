@@ -55,6 +55,7 @@ def estimates(record: Record, structure: rp.Structure = STRUCTURE) -> tuple[Refi
     return chosen[0]
 
 
+@pytest.mark.slow
 def test_a_right_filtered_model_is_given_up_as_seldom_as_promised() -> None:
     """In open loop, under slow noise: at most the binomial quantile of 40 records at the level."""
     given_up = sum(not is_right(STRUCTURE, record, *estimates(record)) for record in map(in_open_loop, range(40)))

@@ -170,6 +170,7 @@ def test_it_comes_back_after_the_server_was_restarted(browser, feed: Feed) -> No
     assert {text for text in page.complaints if "WebSocket connection to" not in text} == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_a_session_that_has_ended_is_said_and_not_looked_for(browser, feed: Feed, scheme: str) -> None:
     """The console stays empty: nothing is asked of a server that is gone."""

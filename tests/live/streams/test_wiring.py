@@ -42,6 +42,7 @@ def first_order(reading: Reading, dt: float) -> tuple[float, float]:
     return b0 / a0, 1.0 / a0
 
 
+@pytest.mark.slow
 def test_the_arduino_sketch(tmp_path: Path, read: Callable[..., Reading]) -> None:
     """Compiled with a plant between its pins, and a clock that wraps; its lines go through a pseudo-terminal."""
     compiler = shutil.which("g++") or shutil.which("c++")

@@ -159,6 +159,7 @@ def test_samples_that_are_missing_take_their_time() -> None:
     assert lost == int(np.isnan(y).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("startup", [None, pytest.param(500, marks=pytest.mark.slow)])
 def test_bridged_and_missing_samples_take_no_part_in_the_fits(startup: int | None) -> None:
     u, y = record()
@@ -209,6 +210,7 @@ def test_the_output_of_a_model_that_would_run_away_is_predicted_as_by_a_fit(monk
     assert pieces.simulation.fit == pytest.approx(fitted.simulation.fit, abs=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [[100, 700], pytest.param([1400], marks=pytest.mark.slow)])
 def test_inputs_that_were_misread_do_not_drive_the_second_pass(at: list[int]) -> None:
     u, y = record(1500)
