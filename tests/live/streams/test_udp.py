@@ -120,6 +120,7 @@ def test_bare_doubles_are_read_and_other_sizes_counted(read: Callable[..., Readi
         device.send(b"123")
         reading.wait_for(3)
         reading.wait_counted("not packed right", 1)
+        assert reading.source.refused.endswith("not packed right; expected t,u,y, each a float64")
     reading.stop()
     assert reading.column("t").tolist() == [0.1, 0.2, 0.3]
     assert reading.column("y").tolist() == [3.0, 5.0, 7.0]

@@ -30,6 +30,7 @@ class Wire(Source):
     """A connection whose lines or payloads are parsed; a lost connection is opened again."""
 
     options: tuple[str, ...] = ("columns",)  # options that its address may have
+    _form = "or JSON objects with these names"  # how samples may come, beside lines of CSV
 
     def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
         super().__init__(address.name)
@@ -51,7 +52,7 @@ class Wire(Source):
         # a header may name anything: of its columns those are expected that are read
         known = tuple(name for name in parser.columns or () if name in parser.signals.fields)
         ways = [known] if known else parser.signals.by_width.values()
-        expected = f"expected {' or '.join(map(','.join, ways))}, or JSON objects with these names"
+        expected = f"expected {' or '.join(map(','.join, ways))}, {self._form}"
         return f"{parser.refused}; {expected}" if parser.refused else ""
 
     @abstractmethod
@@ -240,6 +241,8 @@ class UdpSource(Wire):
                 f"{address.name}: format=doubles needs columns; add &columns=t,{','.join(signals.names)}"
             )
         self._bare = bare
+        if bare:
+            self._form = "each a float64"
         self._socket = self._unread = listen(address)
         self.port: int = self._socket.getsockname()[1]
 

@@ -184,7 +184,7 @@ def run_source(
 
 
 def _blocks(source: Arrays | Recording, size: int, *, irregular: bool) -> Iterator[Block]:
-    """Yield a record in blocks of ``size``, the last one shorter."""
+    """Yield a record as `Block`, of ``size`` samples each, the last one shorter."""
     for u, y, *others in batched(source.batches(), size):
         t = others.pop() if irregular and others else None
         yield u, y, others[0] if others else None, t
