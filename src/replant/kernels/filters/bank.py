@@ -17,7 +17,7 @@ residual e = A/D y - B/D u is white if the model's own is, as abs(A/D) = 1.  Its
 zero.
 
 Discretisations are stored by their interval.  The exponential is computed by scaling and squaring of a Taylor series:
-scaling leaves a norm of 1/4, for which twelve terms reach 1e-17.
+scaling leaves a norm of 1, for which eighteen terms reach 1e-17.
 """
 
 from replant.kernels.native import Reals, inlined, kernel
@@ -279,57 +279,57 @@ def predicted_output(bank, n, T, solution, last, known, states, new):
     return total / left
 
 
-# 0.25^13 / 13! is 2e-18, below the precision of float64
-_TERMS = 12  # terms of the Taylor series [count]
-_LARGEST_NORM = 0.25  # largest norm for the series; a larger matrix is halved [norm]
+# 1 / 19! is 8e-18, below the precision of float64
+_TERMS = 18  # terms of the Taylor series [count]
+_LARGEST_NORM = 1.0  # largest norm for the series; a larger matrix is halved [norm]
 _MOST_SQUARINGS = 1000  # most halvings, reached only if the norm is not finite [count]
+_LEAST_RATE = 1e-300  # least rate that is divided by: over no time the ramp moves no state [rate]
 
 
 def exponential(n, rate, characteristic, result, work):
-    """Write the exponential of a companion matrix extended by a constant and a ramp, (n + 2)^2 numbers.
+    """Write the exponential E of a companion matrix M extended by a constant and a ramp, (n + 2)^2 numbers.
 
-    The first row of the matrix is -rate d_(n-1) .. -rate d_0, rate, 0; below the diagonal are rates; row n ends with a
-    one, the slope of the ramp.
+    The first row of M is -rate d_(n-1) .. -rate d_0, rate, 0; below the diagonal are rates; row n ends with a one, the
+    slope of the ramp.  As M E = E M, each row of the states in E is the next row times M / rate: the series is that of
+    the last of them alone.
     """
-    row = 0.0
+    size = 0.0
     for i in range(n):
-        row += abs(rate * characteristic[i])
-    norm = max(1.0, row + abs(rate))
+        size += abs(rate * characteristic[i])
+    norm = max(1.0, size + abs(rate))
     squarings = 0
     factor = 1.0
     while norm * factor > _LARGEST_NORM and squarings < _MOST_SQUARINGS:
         factor *= 0.5
         squarings += 1
     wide = n + 2
-    for i in range(wide * wide):
+    total, row = work[:wide], work[wide:]
+    for j in range(wide):
+        total[j] = row[j] = 1.0 if j == n - 1 else 0.0
+    for term in range(1, _TERMS + 1):
+        _times(n, rate * factor / term, characteristic, factor / term, row)
+        for j in range(wide):
+            total[j] += row[j]
+    for i in range(n - 1, -1, -1):
+        for j in range(wide):
+            result[i * wide + j] = total[j]
+        _times(n, 1.0, characteristic, 1.0 / max(rate, _LEAST_RATE), total)
+    for i in range(n * wide, wide * wide):
         result[i] = 0.0
-    for i in range(wide):
-        result[i * wide + i] = 1.0
-    for term in range(_TERMS, 0, -1):  # Horner: result = I + matrix/term result
-        _times(n, rate * factor, characteristic, factor, result, work)
-        for i in range(wide * wide):
-            result[i] = work[i] / term
-        for i in range(wide):
-            result[i * wide + i] += 1.0
+    result[n * wide + n] = result[wide * wide - 1] = 1.0
+    result[n * wide + n + 1] = factor
     for _ in range(squarings):
         _square(n, result, work)
 
 
-def _times(n, rate, characteristic, slope, power, result):
-    """Write the product of the matrix of `exponential` and a power of it: only its first row is not a mere shift."""
-    wide = n + 2
-    for j in range(wide):
-        result[j] = 0.0
-        result[n * wide + j] = slope * power[(n + 1) * wide + j]
-        result[(n + 1) * wide + j] = 0.0
-    for k in range(n):
-        for j in range(wide):
-            result[j] += -rate * characteristic[k] * power[k * wide + j]
-    for j in range(wide):
-        result[j] += rate * power[n * wide + j]
-    for i in range(1, n):
-        for j in range(wide):
-            result[i * wide + j] = rate * power[(i - 1) * wide + j]
+def _times(n, rate, characteristic, slope, row):
+    """Multiply a row (n + 2,) by the matrix of `exponential` with this rate and slope, in place."""
+    first, constant = row[0], row[n]
+    for j in range(n - 1):
+        row[j] = rate * (row[j + 1] - characteristic[j] * first)
+    row[n - 1] = -rate * characteristic[n - 1] * first
+    row[n] = rate * first
+    row[n + 1] = slope * constant
 
 
 def _square(n, power, work):
