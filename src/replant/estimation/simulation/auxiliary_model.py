@@ -68,7 +68,10 @@ class Pass:
         """Return the pass with zero rows where no output was measured."""
         phi, zeta, target, output, error, ahead = self.signals
         rows = measured[:, None]
-        return Pass(phi * rows, zeta * rows, target * measured, output, error * measured, ahead * measured)
+        seen = phi * rows
+        return Pass(
+            seen, seen if zeta is phi else zeta * rows, target * measured, output, error * measured, ahead * measured
+        )
 
     def without(self, columns: FloatArray) -> Pass:
         """Return the pass with columns (K, P) projected out of its signals; unchanged if any is not finite."""
@@ -133,26 +136,45 @@ class AuxiliaryModel:
         twin._state = self._state.copy()
         return twin
 
-    def run(self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None) -> Pass:
-        """Run a model over a record from rest, each part anew; rows that depend on earlier inputs are zero."""
+    def run(
+        self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None, *, alone: bool = False
+    ) -> Pass:
+        """Run a model over a record from rest, each part anew; rows that depend on earlier inputs are zero.
+
+        With ``alone``, a stable model without a reference runs from the input alone, in half the time: phi is zeta.
+        """
         parts = record.parts
         if len(parts) > 1:
             explained = [None if by_reference is None else by_reference[rows] for rows in parts]
-            runs = [self.run(theta, record.part(rows), of_it) for rows, of_it in zip(parts, explained, strict=True)]
+            runs = [
+                self.run(theta, record.part(rows), of_it, alone=alone)
+                for rows, of_it in zip(parts, explained, strict=True)
+            ]
             # its own offset also takes the column of the constant, unless that is a parameter
             most = self._order + (not self._bias)
             return _of_parts(runs, [most if rows.start in record.begins else self._order for rows in parts], most)
+        self.begin(theta)
+        from_input = by_reference is None and not self._state.serves_reflected
+        if alone and from_input:
+            done = self._run_alone(theta, record)
+            return done if record.measured is None else done.of(record.measured)
         if by_reference is None:
             by_reference = NOTHING
         if record.measured is not None and not record.measured.all():
-            return self._run_filled(theta, record, by_reference)
+            return self._run_filled(theta, record, by_reference, from_input=from_input)
         return self._run(theta, record, by_reference)
 
-    def _run_filled(self, theta: FloatArray, record: Record, by_reference: FloatArray) -> Pass:
+    def _run_alone(self, theta: FloatArray, record: Record) -> Pass:
+        slopes, output = self.branch(theta, record, constant=True)
+        away = record.y - output
+        away[: record.unknown(self._delay)] = 0.0
+        return Pass(slopes, slopes, away, output, away, away)
+
+    def _run_filled(self, theta: FloatArray, record: Record, by_reference: FloatArray, *, from_input: bool) -> Pass:
         """Run a model over a record with its own output in place of missing ones, whose rows are zero."""
         assert record.measured is not None
         known, filled = record.measured, record.y
-        done = self._run(theta, replace(record, y=filled), by_reference)
+        done = self._run_alone(theta, record) if from_input else self._run(theta, record, by_reference)
         for _ in range(PREDICTED if self._state.serves_reflected else 1):
             # offset and initial state are fitted to the measured outputs: theta may not have them yet
             nuisances, away = done.phi[:, -self._order - 1 :], record.y - done.output

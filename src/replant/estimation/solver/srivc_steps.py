@@ -59,16 +59,16 @@ class Problem:
         self.noise = Autoregression.white(1.0, self.record.u.size)  # D(q) of the residual
         self._basis: tuple[Autoregression, FloatArray, FloatArray] | None = None
 
-    def run(self, model: FloatArray, *, filled: bool = True) -> Pass:
+    def run(self, model: FloatArray, *, filled: bool = True, alone: bool = False) -> Pass:
         """Return the pass of a model (T,) over the record; zero rows where no output was measured."""
-        done = self.run_whole(model, filled=filled).since(self._unknown)
+        done = self.run_whole(model, filled=filled, alone=alone).since(self._unknown)
         return done if self._beside is None else done.without(self._beside)
 
-    def run_whole(self, model: FloatArray, *, filled: bool = True) -> Pass:
+    def run_whole(self, model: FloatArray, *, filled: bool = True, alone: bool = False) -> Pass:
         """Return the pass over the whole record, also over samples that depend on inputs before it."""
         parts = None if self.projection is None else self.projection.parts
         if filled or self.whole.measured is None:
-            return self._model.run(model, self.whole, parts)
+            return self._model.run(model, self.whole, parts, alone=alone)
         return self._model.run(model, replace(self.whole, measured=None), parts).of(self.whole.measured)
 
     def scores(self, model: FloatArray, signals: FloatArray) -> float:
@@ -196,25 +196,28 @@ class Problem:
             power = float(np.sum(white(done.ahead) ** 2)) if whitened and math.isfinite(done.cost) else done.power
             return power + known.cost(tried)
 
-        done, exact, halved = self.run(model), False, 0
+        done, exact, halved, converged = self.run(model, alone=True), False, 0, False
         for _ in range(POLISH):
             slopes = white(self._slopes(model, done) if exact else done.zeta)
             gradient = products(slopes, white(done.error)) + known.pull(model)
             direction = solve(products(slopes, slopes) + known.weight, gradient)
             if direction is None:
-                return model, done, False
+                break
             variance = done.cost if prior is None else prior.variance
+            gain = float(direction @ gradient)
             # converged: the step is a thousandth of a standard deviation, or the error is rounding
-            if float(direction @ gradient) <= DONE * variance or self.is_rounding(done):
-                return model, done, True
-            better = self._damped(model, direction, cost, cost(model, done), halved)
+            converged = gain <= DONE * variance or self.is_rounding(done)
+            if converged:
+                break
+            better = self._damped(model, direction, cost, cost(model, done), halved, alone=True)
             if better is not None:
                 model, done, halved = better
             elif exact:
-                return model, done, float(direction @ gradient) <= NEARLY_DONE * variance
+                converged = gain <= NEARLY_DONE * variance
+                break
             else:
                 exact, halved = True, 0
-        return model, done, False
+        return model, self.run(model), converged
 
     def polished(self, start: FloatArray, *, stable: bool = False) -> Root:
         """Return the root that steps on the output error lead to, with the noise model of its residual."""
@@ -228,7 +231,7 @@ class Problem:
 
     def _damped(
         self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], own: float,
-        halved: int = 0, *, slack: float = 0.0, rise: float = 0.0,
+        halved: int = 0, *, slack: float = 0.0, rise: float = 0.0, alone: bool = False,
     ) -> tuple[FloatArray, Pass, int] | None:  # fmt: skip
         """Return the model after the longest step that lowers the cost, its pass, and the next step's first halvings.
 
@@ -241,7 +244,7 @@ class Problem:
             part = 0.5**halvings
             tried = model + direction * part
             if self._speed(tried) <= fastest:
-                done = self.run(tried)
+                done = self.run(tried, alone=alone)
                 above = cost(tried, done) - own - rise - part * slack
                 if above < 0.0:
                     return tried, done, max(halvings - 2, 0)
@@ -258,7 +261,8 @@ class Problem:
         for i, size in enumerate(sizes):
             step = np.zeros(model.size)
             step[i] = DIFFERENCE * size
-            slopes[:, i] = (self.run(model - step).ahead - self.run(model + step).ahead) / (2.0 * step[i])
+            less, more = (self.run(model + part, alone=True).ahead for part in (-step, step))
+            slopes[:, i] = (less - more) / (2.0 * step[i])
         return slopes
 
     def stabilized(self, model: FloatArray) -> FloatArray:
