@@ -273,7 +273,7 @@ def test_datagrams_in_and_estimates_out(tmp_path: Path) -> None:
     assert (answers[-1]["trusted"], answers[-1]["ttl"], answers[-1]["status"]) == (0, 0.0, "ended")
     numeric = {name for name, value in answers[-1].items() if not isinstance(value, str)}
     figures = {"schema_version", "timestamp", "sequence", "samples", "a0", "b0", "std_a0", "std_b0"}
-    assert numeric == figures | {"trusted", "excited", "ttl", "sent"}
+    assert numeric == figures | {"trusted", "excited", "coefficients", "ttl", "sent"}
 
 
 def answers_left(controller: socket.socket) -> list[dict[str, Any]]:

@@ -12,7 +12,9 @@ from replant.estimation.simulation.fitted_run import FittedRun
 from replant.live.make_view import POINTS, EstimateHistory, make_view
 from replant.live.outputs.message import UNKNOWN
 from replant.live.streams import Signals
+from replant.live.streams.demo import simulated
 from replant.live.view import SessionInfo, View
+from replant.rigs import deap_rig
 from replant.verdict import simulate
 from support.cases import every
 from support.live_fakes import DT, PLANT, REQUEST, record
@@ -96,6 +98,20 @@ def test_a_model_is_trusted_while_the_input_rests_and_the_view_says_both() -> No
     found = resting_view()
     assert (found.verdict, found.excited) == ("trusted", False)
     assert viewed(3000).excited
+
+
+def test_coefficients_are_not_known_where_the_verdict_relies_on_the_response_alone() -> None:
+    """The slow pole of the actuator, of 10 s, is not told from a zero within 0.8 s, and is within 20 s."""
+    _, u, y = next(simulated(seed=0))
+    identifier = rp.Identifier(rp.Structure(3, 1), 0.001, preprocess=rp.Preprocess("square", "mean", "mean"))
+    told = {}
+    for begin, end in ((0, 800), (800, 20_000)):
+        identifier.update_many(u[begin:end], y[begin:end])
+        view = make_view(identifier, SessionInfo(), EstimateHistory(5))
+        relies = any("rely on G(s)" in reason for reason in view.reasons)
+        far = np.abs(view.parameters[2] / deap_rig().plant.den[3] - 1.0) > 0.3
+        told[end] = view.verdict, relies, view.coefficients, bool(far)
+    assert told == {800: ("trusted", True, False, True), 20_000: ("trusted", False, True, False)}
 
 
 def test_a_view_without_a_verdict_claims_no_excitation() -> None:

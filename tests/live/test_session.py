@@ -29,8 +29,9 @@ def learned(u: np.ndarray, y: np.ndarray, t: np.ndarray | None = None) -> bytes:
     return identifier.to_bytes()
 
 
-def view(verdict: str, *, excited: bool = True) -> Any:
-    return SimpleNamespace(verdict=verdict, excited=excited, parameters=np.full(2, np.nan), std=np.array([0.25, 0.5]))
+def view(verdict: str, *, excited: bool = True, coefficients: bool = True) -> Any:
+    parameters, std = np.full(2, np.nan), np.array([0.25, 0.5])
+    return SimpleNamespace(verdict=verdict, excited=excited, coefficients=coefficients, parameters=parameters, std=std)
 
 
 # --- what is learned
@@ -209,12 +210,14 @@ def test_a_verdict_is_of_the_model_that_was_judged() -> None:
         ident.update_many(u, y)
         std = np.array([0.25, 0.5])
         judged = SimpleNamespace(
-            verdict="trusted", excited=True, parameters=ident.parameters + moved * np.array([0.0, std[1]]), std=std
-        )
+            verdict="trusted", excited=True, coefficients=True,
+            parameters=ident.parameters + moved * np.array([0.0, std[1]]), std=std,
+        )  # fmt: skip
         sink = FakeSink()
         session, _ = make(FakeSource(u, y), observer=FakeObserver(judged), sinks=[sink])
         session.run()
         told[moved] = (sink.sent[-2].verdict, sink.sent[-2].excited, np.isnan(sink.sent[-2].std).all())
+        assert sink.sent[-2].coefficients is (moved < 4.0)
     assert told == {3.0: ("trusted", True, False), 5.0: (UNKNOWN, False, True)}
 
 

@@ -331,7 +331,9 @@ def test_a_resumed_session_is_not_trusted_before_its_first_sample() -> None:
     u, y = record()
     identifier = rp.Identifier(**vars(make(FakeSource(u, y))[0].identifier.request))
     identifier.update_many(u, y)
-    judged = SimpleNamespace(verdict="trusted", excited=True, parameters=np.full(2, np.nan), std=np.ones(2))
+    judged = SimpleNamespace(
+        verdict="trusted", excited=True, coefficients=True, parameters=np.full(2, np.nan), std=np.ones(2)
+    )
     observer = FakeObserver(judged)
     sink = FakeSink()
     sink.behind = True  # somebody who has just come

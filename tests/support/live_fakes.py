@@ -120,6 +120,7 @@ class JudgingObserver(FakeObserver):
             self.view = self.last = SimpleNamespace(
                 verdict=assessment.status,
                 excited=assessment.excited,
+                coefficients=False,
                 parameters=identifier.parameters,
                 std=identifier.uncertainty.std,
             )

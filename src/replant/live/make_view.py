@@ -26,6 +26,7 @@ from replant.plotting.diagrams import with_conjugates
 from replant.plotting.numbers import mapped_label, true_parameters
 from replant.plotting.over_time import thin
 from replant.verdict import Verdict, simulate
+from replant.verdict.estimate_tests import are_known
 
 MOST_ROWS = 1000  # rows of history kept [rows]
 
@@ -227,6 +228,7 @@ def make_view(
         std=std,
         verdict=verdict.status,
         excited=verdict.excited,
+        coefficients=_are_known(branches, identifier.samples * identifier.dt),
         reasons=verdict.reasons,
         simulated=fit,
         residual_std=math.nan if noise is None else math.sqrt(noise.residual_variance or math.nan),
@@ -236,6 +238,10 @@ def make_view(
         model=model,
         more_inputs=tuple(view.FurtherInput(**vars(one), u=u) for one, u in zip(others, inputs, strict=True)),
     )
+
+
+def _are_known(branches: Sequence[_Branch], span: float) -> bool:
+    return all(are_known(shape, known.parameters, known.std, span) for _, shape, _, known in branches)
 
 
 def _from_input(

@@ -74,7 +74,7 @@ class Session:
         self._begun = self.progress.taken  # samples of a session before, whose checkpoint this one continues
         self._learned = False  # whether samples were learned since the last handover to the observer
         self._inconsistent = False  # whether the identifier may hold samples that the progress does not count
-        self._verdict, self._excited = UNKNOWN, False
+        self._verdict, self._excited, self._coefficients = UNKNOWN, False, False
 
     def run(self) -> bool:
         """Run until the stream ends, a limit is reached, or SIGINT or SIGTERM asks for the end."""
@@ -209,9 +209,10 @@ class Session:
 
     def _update_verdict(self) -> None:
         """Take the newest verdict on the present model; a changed verdict is sent even if no sample arrives."""
-        view, before = self._view, (self._verdict, self._excited)
-        self._verdict, self._excited = (UNKNOWN, False) if view is None else (view.verdict, view.excited)
-        if (self._verdict, self._excited) != before and self.progress.taken:
+        view, before = self._view, (self._verdict, self._excited, self._coefficients)
+        now = (UNKNOWN, False, False) if view is None else (view.verdict, view.excited, view.coefficients)
+        self._verdict, self._excited, self._coefficients = now
+        if now != before and self.progress.taken:
             self._publisher.mark()
 
     @property
@@ -241,6 +242,7 @@ class Session:
             identifier.status,
             self._verdict,
             self._excited,
+            self._coefficients,
         )
 
     def _obey(self, name: str) -> None:

@@ -131,6 +131,7 @@ class View(SessionInfo, FromInput):
     std: FloatArray
     verdict: str
     excited: bool  # see `Assessment`; False while the verdict is unknown
+    coefficients: bool  # whether the coefficients are known one by one, if the verdict is "trusted"
     reasons: tuple[str, ...]
     # fit in percent of the output simulated from the input alone, over the samples that the verdict uses
     simulated: float

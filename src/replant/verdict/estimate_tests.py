@@ -11,11 +11,19 @@ import numpy as np
 
 from replant.estimation.solver.resampled_scatter import resampled_scatter
 from replant.estimation.solver.srivc_steps import FASTEST
+from replant.model.structure import Structure
 from replant.model.uncertainty import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, combined, inverse_of, products, sum_of_squares
+from replant.numerics.linear_algebra import (
+    chi2_quantile,
+    combined,
+    inverse_of,
+    products,
+    real_coefficients,
+    sum_of_squares,
+)
 from replant.numerics.projections import without
 from replant.verdict.estimate_distance import Distance, gain_findings, output_frequency
 from replant.verdict.estimate_distance import distance as distance_of
@@ -231,6 +239,17 @@ def uncertainty_findings(
         trust = "rely on G(s) where the input excites it, not on coefficients"
         return [Finding("trusted", f"{reason}, {known}: {trust}{'' if cancelled is None else ', or ' + advice}")]
     return [Finding("converging", f"{reason}: {advice}")]
+
+
+def are_known(structure: Structure, parameters: FloatArray, std: FloatArray, span: float) -> bool:
+    """Return whether a trusted model's coefficients can be relied upon one by one, and not G(s) alone.
+
+    ``std`` (P,) is that of `Uncertainty`, infinite if a zero may cancel a pole, and NaN if it is not known.
+    """
+    if not (np.isfinite(parameters).all() and np.isfinite(std).all()):
+        return False
+    sizes = real_coefficients(parameters[structure.denominator], 1.0 / span)
+    return bool((std[structure.denominator] <= MOST_UNCERTAIN * sizes).all())
 
 
 def movement_findings(moved: float, sigmas: float, span: str, *, improves: bool = False) -> list[Finding]:

@@ -18,7 +18,8 @@ def test_an_estimate_is_flat_json_with_every_digit() -> None:
     assert json.loads(estimate().as_json()) == {
         "schema_version": 1,
         "timestamp": 0.25, "sequence": 3, "samples": 4, "a0": 0.1 + 0.2, "b0": None, "std_a0": 1e-300, "std_b0": None,
-        "trusted": 0, "excited": 1, "ttl": 0.0, "status": "starting", "verdict": "converging", "sent": None,
+        "trusted": 0, "excited": 1, "ttl": 0.0, "status": "starting", "verdict": "converging", "coefficients": 0,
+        "sent": None,
     }  # fmt: skip
     assert "sequence" not in json.loads(estimate(None).as_json())
 
@@ -34,6 +35,14 @@ def test_a_model_is_trusted_while_the_input_rests_and_both_are_told() -> None:
     resting = dataclasses.replace(estimate(), verdict="trusted", ttl=5.0, excited=False)
     told = json.loads(resting.as_json())
     assert (told["trusted"], told["excited"]) == (1, 0)
+
+
+def test_coefficients_are_relied_upon_only_with_the_model() -> None:
+    known = dataclasses.replace(estimate(), coefficients=True)
+    trusted = dataclasses.replace(known, verdict="trusted", ttl=5.0)
+    expired, whole = (dataclasses.replace(trusted, **change) for change in ({"ttl": 0.0}, {"coefficients": False}))
+    told = [json.loads(one.as_json()) for one in (known, trusted, expired, whole)]
+    assert [(one["trusted"], one["coefficients"]) for one in told] == [(0, 0), (1, 1), (0, 0), (1, 0)]
 
 
 @every("sequence", [3, None])

@@ -73,12 +73,13 @@ class EstimateMessage:
     status: str  # starting, running, diverged; waiting: no sample is accepted; ended: the session is over
     verdict: str
     excited: bool = False  # see `Assessment`; False while the verdict is unknown
+    coefficients: bool = False  # whether the parameters are known one by one; else, if trusted, G(s) as a whole is
     ttl: float = 0.0  # time in s after the receipt in which a controller may use the model; 0: it may not
     sent: float | None = None  # Unix time in s at which the message was sent; None before that
 
     @property
     def trusted(self) -> bool:
-        """Whether a controller may use the model, for `ttl` seconds."""
+        """Whether a controller may use G(s), for `ttl` seconds; its coefficients one by one only if they are known."""
         return self.verdict == "trusted" and self.ttl > 0.0
 
     def as_json(self) -> bytes:
@@ -92,7 +93,7 @@ class EstimateMessage:
             "schema_version": VERSION, "timestamp": self.timestamp,
             **({} if self.sequence is None else {"sequence": self.sequence}), "samples": self.samples, **numbers,
             "trusted": int(self.trusted), "excited": int(self.excited), "ttl": self.ttl, "status": self.status,
-            "verdict": self.verdict, "sent": self.sent,
+            "verdict": self.verdict, "coefficients": int(self.trusted and self.coefficients), "sent": self.sent,
         }  # fmt: skip
         return json.dumps(fields, separators=(",", ":"), allow_nan=False).encode()
 

@@ -34,7 +34,8 @@ BROKER_TIMEOUT = 5.0  # time without a broker after which it is reported [s]
 KEEPALIVE = 1, 15  # shortest and longest keep-alive interval [s]
 #: The message that the broker publishes when the connection to the session breaks.
 WILL = json.dumps(
-    {"trusted": 0, "excited": 0, "ttl": 0.0, "status": ENDED, "verdict": UNKNOWN}, separators=(",", ":")
+    {"trusted": 0, "excited": 0, "ttl": 0.0, "status": ENDED, "verdict": UNKNOWN, "coefficients": 0},
+    separators=(",", ":"),
 ).encode()
 
 
