@@ -33,7 +33,7 @@ def record(samples: int = 3000, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 class FakeSource:
     """Batches of random sizes, numbered from ``first``; goes on after a number as a peer that can replay."""
 
-    name, state, trouble, refused = "fake://", "connected", "", ""
+    name, state, trouble, refused, remark = "fake://", "connected", "", "", ""
 
     def __init__(
         self, u: np.ndarray, y: np.ndarray, *, numbered: bool = True, t: np.ndarray | None = None, seed: int = 1,

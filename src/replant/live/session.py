@@ -73,6 +73,7 @@ class Session:
         self._throughput = Throughput()
         self._begun = self.progress.taken  # samples of a session before, whose checkpoint this one continues
         self._learned = False  # whether samples were learned since the last handover to the observer
+        self._remarked = False  # whether the remark of the source has been shown
         self._inconsistent = False  # whether the identifier may hold samples that the progress does not count
         self._verdict, self._excited, self._coefficients = UNKNOWN, False, False
 
@@ -120,6 +121,9 @@ class Session:
         for batch in self.source.batches():
             self._learn_batch(batch)
             self._serve_outputs(time.monotonic())
+            if self.source.remark and not self._remarked:
+                self._remarked = True
+                self.observer.show(f"replant: {self.source.name}: {self.source.remark}")
             seconds = time.monotonic() - start
             if seconds > PATIENCE and self._refused:
                 self.notices.say(

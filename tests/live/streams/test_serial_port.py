@@ -11,8 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.live.streams import open_source, serial_and_network
+from replant.errors import InvalidArgumentError, LogError, MissingDependencyError
+from replant.live.streams import Signals, open_source, serial_and_network
 from support.boards import Board
 from support.cases import every
 from support.wires import Reading, csv, wait_until
@@ -76,6 +76,15 @@ def test_noise_on_the_line(board: Board, read: Callable[..., Reading]) -> None:
     reading.wait_for(3)
     reading.stop()
     assert reading.source.counters == {"not a number": 2}
+
+
+def test_a_header_without_the_names_that_were_given_ends_the_session(
+    board: Board, read: Callable[..., Reading]
+) -> None:
+    reading = read(open_source(board.url, Signals(("voltage",), "speed")))
+    board.send(b"\nspeed,volt\n1,2\n3,4\n")
+    with pytest.raises(LogError, match="no column 'voltage' in the header"):
+        reading.join()
 
 
 def test_seek_does_not_stop_a_board_that_counts_from_zero(board: Board, read: Callable[..., Reading]) -> None:

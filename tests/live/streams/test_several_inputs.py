@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from replant.errors import InvalidArgumentError
+from replant.errors import InvalidArgumentError, LogError
 from replant.live.streams import Batch, Signals, open_source
 from replant.live.streams.line_parser import MAGIC, Parser
 from replant.live.streams.reader_thread import Inbox
@@ -79,6 +79,39 @@ def test_a_header_may_order_u_and_y_too(header: str) -> None:
     row = ",".join(str(cells[name]) for name in header.split(","))
     batch, counters = read(f"{header}\n{row}\n", signals=Signals())
     assert (batch.u.tolist(), batch.y.tolist(), counters) == ([1.0], [2.0], {})
+
+
+@every("rows", ["500,1,2\n", "500,1,2\n1000,1,2\n"])
+@every("name", ["time", "t [ms]"])
+def test_how_lines_under_other_names_are_read_is_said(name: str, rows: str) -> None:
+    counters: Counter[str] = Counter()
+    parser = Parser(counters)
+    batches = [parser.parse(f"{name},volt,speed\n{rows}".encode(), arrived=0.0), parser.finish(arrived=0.0)]
+    batch = next(filter(None, batches))
+    unit = 1.0 if name == "time" else 1e-3
+    assert (batch.t[0], batch.u[0], batch.y[0]) == (500.0 * unit, 1.0, 2.0)
+    assert f"does not name u and y: read t from '{name}', u from 'volt', y from 'speed'" in parser.remark
+
+
+@every("header", ["y,volt", "speed,time,volt", "volt,u", "n,volt,speed"])
+def test_a_header_that_contradicts_the_order_of_its_rows_is_refused(header: str) -> None:
+    rows = 2 * f"{','.join('1' * len(header.split(',')))}\n"
+    with pytest.raises(LogError, match=f"no column '[uy]' in the header; there are: '{header.split(',')[0]}', "):
+        Parser(Counter()).parse(f"{header}\n{rows}".encode(), arrived=0.0)
+
+
+def test_a_header_without_the_names_that_a_user_gave_is_refused() -> None:
+    text, asked = "time,speed,volt\n0,1,2\n1,1,2\n", Signals(("voltage",), "speed")
+    with pytest.raises(LogError, match="no column 'voltage' in the header; there are: 'time', 'speed', 'volt';"):
+        Parser(Counter(), None, asked).parse(text.encode(), arrived=0.0)
+    batch, _ = read(text, ("t", "voltage", "speed"), asked)  # its columns are given
+    assert batch.u.tolist() == [1.0, 1.0]
+
+
+@every("text", ["ready", "rig 7, ready", "1,ready", "ready,,", "volt,volt"])
+def test_other_text_before_the_rows_is_no_header(text: str) -> None:
+    batch, counters = read(f"{text}\n1,2,3,4\n1,2,3,4\n")
+    assert (batch.t.tolist(), counters) == ([1.0, 1.0], {"not a number": 1})
 
 
 def test_an_input_may_be_called_time_beside_the_time() -> None:

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from replant.errors import shown
+from replant.live.streams.header import header_of, remark_on, titles_of
 from replant.live.streams.source import NUMBER, REFERENCE, TIME, UY, Batch, Columns, Signals, together
-from replant.logs.sampling_time import time_candidates, unit_in_seconds
+from replant.logs.sampling_time import unit_in_seconds
 from replant.logs.text_cells import parse_number
 from replant.logs.text_layout import is_data
 from replant.numerics.arguments import FloatArray
@@ -64,17 +65,6 @@ def columns_of(value: Any, signals: Signals) -> Columns:
     if not isinstance(first, dict) or not set(signals.names) <= first.keys():
         return None
     return tuple(name for name in signals.fields if name in first)
-
-
-def header_of(line: str, signals: Signals) -> tuple[tuple[str, ...], float] | None:
-    """Return the columns in a header of CSV, the time column as t, and its unit in s; None if a signal is missing."""
-    cells, unit = [cell.strip().strip('"') for cell in line.split(",")], 1.0
-    if not set(signals.names) <= set(cells) or len(set(cells)) < len(cells):
-        return None
-    times = [k for k in time_candidates(cells) if cells[k] not in signals.names]
-    if len(times) == 1:
-        cells[times[0]], unit = TIME, unit_in_seconds(cells[times[0]])
-    return tuple(cells), unit
 
 
 def from_json(value: Any, columns: Sequence[str], one: str) -> list[Row]:
@@ -184,13 +174,16 @@ class Parser:
     """Parses the lines of one stream: CSV, with or without a header, or JSON; blank lines and comments are skipped.
 
     If the columns are not given, they come from two lines of CSV of equal width (the first line may have been cut),
-    from the first JSON object, or from a header that names the signals.
+    from the first JSON object, or from a header that names the signals.  Of a header with other names `remark` says
+    how the columns were read, unless it contradicts that, or a user has named the signals: then `LogError` is raised.
     """
 
     def __init__(self, counters: Counter[str], columns: Columns = None, signals: Signals = UY) -> None:
         self.columns, self.signals = columns, signals
         self._counters = counters
         self.refused = ""  # the first line or message without a valid sample, and the reason
+        self.remark = ""  # how the columns under a header with other names were read; empty if there was none
+        self._titles: tuple[str, ...] = ()  # the newest line of text alone: a header, if the rows have its width
         self._unit = 1.0  # of the time column, in s
         self._waiting: Row | None = None  # the first line of CSV, until a second line confirms its width
 
@@ -242,8 +235,8 @@ class Parser:
         row, self._waiting = self._waiting, None
         if row is None:
             return None
-        self.columns = self.signals.by_width[len(row)]
-        return self.batch([np.array([row])], arrived)
+        self.columns = self._by_width(len(row))
+        return self.batch([self._in_seconds(np.array([row]))], arrived)
 
     def batch(self, tables: Sequence[FloatArray], arrived: float) -> Batch | None:
         """Return the rows of tables as samples; rows with an invalid number or time stamp are dropped and counted."""
@@ -314,6 +307,7 @@ class Parser:
         try:
             row = tuple(map(parse_number, line.split(",")))  # a missing cell is NaN, as in a log
         except ValueError:
+            self._titles = titles_of(line) if self.columns is None else ()
             raise Malformed("not a number") from None
         if self.columns is not None:
             check_width(row, len(self.columns))
@@ -324,8 +318,15 @@ class Parser:
         if first is None:
             return []
         check_width(first, len(row))  # if the widths differ, the first line was cut
-        self.columns, self._waiting = by_width[len(row)], None
-        return [first, row]
+        self.columns, self._waiting = self._by_width(len(row)), None
+        return [tuple(each) for each in self._in_seconds(np.array([first, row])).tolist()]
+
+    def _by_width(self, width: int) -> tuple[str, ...]:
+        columns = self.signals.by_width[width]
+        if len(self._titles) == width:
+            self.remark = remark_on(self._titles, columns, self.signals)
+            self._unit = unit_in_seconds(self._titles[columns.index(TIME)]) if TIME in columns else 1.0
+        return columns
 
     def _in_seconds(self, table: FloatArray) -> FloatArray:
         """Return rows of CSV with the time in s, whatever the header's unit; JSON and packed rows have it in s."""

@@ -203,6 +203,11 @@ class Source(ABC):
         """The first line that is not a sample, and what is expected; empty if there is none."""
         return ""
 
+    @property
+    def remark(self) -> str:
+        """How the samples were read, if a user should check that; else empty."""
+        return ""
+
     def _run(self) -> None:
         failure: BaseException | None = None
         try:

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from replant.errors import InvalidArgumentError
+from replant.errors import InvalidArgumentError, LogError
 from replant.live.streams.addresses import SCHEMES, Address
 from replant.live.streams.line_parser import LineSplitter, Parser
 from replant.live.streams.reader_thread import BACKOFF, Source
@@ -54,6 +54,11 @@ class Wire(Source):
         ways = [known] if known else parser.signals.by_width.values()
         expected = f"expected {' or '.join(map(','.join, ways))}, {self._form}"
         return f"{parser.refused}; {expected}" if parser.refused else ""
+
+    @property
+    def remark(self) -> str:
+        """How the samples under a header with other names were read, see `Parser`."""
+        return self._parser.remark
 
     @abstractmethod
     def _session(self) -> str | None:
@@ -160,6 +165,8 @@ class SerialSource(Wire):
                     data = port.read(1)
                     if data:
                         self._deliver_lines(data + port.read(port.in_waiting))
+        except LogError:  # of the lines, not of the port
+            raise
         except PORT_ERRORS as error:
             self._lines.restart()
             return port_reason(error)
