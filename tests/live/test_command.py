@@ -19,7 +19,10 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.cli import live as command
 from replant.cli import main
+from replant.cli.run_and_fit import fit_command
+from replant.cli.run_fit_compare_options import structure_of
 from replant.live.streams.demo import controlled
 from replant.online import saving
 from replant.rigs import deap_rig
@@ -485,6 +488,36 @@ def test_a_token_that_cannot_be_had_is_one_line(
     assert stop.value.code == 2
     assert err.count("\n") == 1
     assert message in err
+
+
+@every(
+    "words",
+    [
+        ("demo",), ("demo", "-p", "2", "--zeros", "0"), ("demo", "--loop"),
+        ("-", "-p", "2", "--zeros", "1", "--delay", "0.30000000000001", "--dt", "1", "--bias", "--input-map", "square"),
+        ("-", "-i", "Q1", "-i", "Q2", "-o", "T 1", "-p", "2,1", "--zeros", "1,0", "--delay", "0,8.5", "--dt", "1"),
+    ],
+)  # fmt: skip
+def test_the_command_that_fits_the_record_has_the_options_of_the_session(
+    words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: dict[str, Any] = {}
+    monkeypatch.setattr(command, "run", lambda *all_, **more: given.update(more, request=all_[1]))
+    with pytest.raises(SystemExit):
+        main(["live", *words, "--dashboard", "off"])
+    options = fit_command.make_context("fit", ["DIR", *given["to_fit"]]).params
+    asked, inputs, signals = given["request"], options["input_column"], given["columns"]
+    assert (inputs if isinstance(inputs, tuple) else (inputs,), options["output_column"]) == (
+        signals.inputs, signals.output
+    )  # fmt: skip
+    if len(signals.inputs) == 1:
+        options |= {name: options[name] or ((0,),) for name in ("zeros", "delay")}
+        assert structure_of(options) == asked.structure
+        assert options["input_map"] == asked.preprocess.input_map
+    else:
+        orders = zip(*(options[name] for name in ("poles", "zeros", "delay")), strict=True)
+        assert list(orders) == [((one.poles,), (one.zeros,), (one.delay,)) for one in asked.structures]
+    assert ("--reference" in given["to_fit"]) == ("--loop" in words)
 
 
 @pytest.mark.slow

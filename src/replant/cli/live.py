@@ -20,6 +20,7 @@ from replant.live.progress import AnyRequest, Limits
 from replant.live.session import run
 from replant.live.streams import UY, Signals
 from replant.live.streams.addresses import parts_of
+from replant.live.streams.source import REFERENCE
 from replant.live.view import UNNAMED
 from replant.numerics.operating_system import one_line
 from replant.online.miso_identifier import RowIdentifier
@@ -144,6 +145,7 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
         truth=None if demo is None else demo[0].plant,
         columns=columns,
         signals=names if demo is None else demo[1],
+        to_fit=_to_fit(options, columns, reference=demo is not None and LOOP in source),
         **{name: options[name] for name in ("sinks", "record", "checkpoint", "every", "ttl", "background")},
     )
     if not trusted:
@@ -204,6 +206,17 @@ def _request(options: dict[str, Any]) -> AnyRequest:
         return RowIdentifier(**orders, dt=options["dt"], startup=options["startup"], input_names=inputs).request
     structure, more = shared.structure_of(options), {name: options[name] for name in ("optimizer", "startup")}
     return Request(structure, options["dt"], preprocess=shared.preprocess_of(options), **more)
+
+
+def _to_fit(options: dict[str, Any], signals: Signals, *, reference: bool) -> list[str]:
+    """Return the options of `replant fit` for the record of the session: without them it fits another model."""
+    words = [word for name in signals.inputs for word in ("-i", name)] + ["-o", signals.output]
+    for name in ("poles", "zeros", "delay"):
+        orders = [figure for each in options[name] or () for figure in each]
+        words += [f"--{name}", ",".join(f"{figure:.15g}" for figure in orders)] if any(orders) else []
+    words += [f"--{name}" for name in ("bias", "feedthrough") if options[name]]
+    words += ["--input-map", options["input_map"]] if options["input_map"] != "identity" else []
+    return [*words, *(["--reference", REFERENCE] if reference else [])]
 
 
 def address_of(option: str, text: str) -> tuple[str, int]:

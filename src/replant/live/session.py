@@ -318,13 +318,15 @@ def run(
     signals: Signals = UNNAMED,
     ttl: float | None = None,
     background: bool = False,
+    to_fit: Sequence[str] = (),
 ) -> bool:
     """Identify until the stream, a limit or the user ends the session, and print the result.
 
     Samples come from the URL ``source``, with the columns ``columns``, and are shown under the names ``signals``.
     Estimates go to the addresses ``sinks``.  Samples and estimates are recorded in the folder ``record``; the state is
     saved in the file ``checkpoint`` at intervals of ``every`` s.  The ``truth`` of a simulated rig is shown beside the
-    estimate.  With ``background`` a second process solves the record again.
+    estimate.  With ``background`` a second process solves the record again.  ``to_fit``: the options with which `replant
+    fit` identifies the same model from the record.
     """
     from rich.console import Console
 
@@ -362,8 +364,9 @@ def run(
             ttl=ttl,
         )
         if record is not None:
-            command = shlex.join(["replant", "open", typed_path(record)])
-            observer.show(f"replant: to cut and fit the record while it grows: {command}")
+            name = typed_path(record)
+            observer.show(f"replant: to look at the record while it grows: {shlex.join(['replant', 'open', name])}")
+            observer.show(f"replant: to fit it: {shlex.join(['replant', 'fit', name, *to_fit])}")
         reached = session.run()
         waits = session.identifier.forced_waits if isinstance(session.identifier, Identifier) else 0
         if waits:
