@@ -529,6 +529,7 @@ def test_a_dashboard_that_cannot_listen_is_one_line() -> None:
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
     assert f"cannot listen on {address}" in err
+    assert err.endswith(f"choose another port, as in --dashboard 127.0.0.1:{int(address[10:]) + 1}, or off\n")
 
 
 @pytest.mark.slow

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from replant.workbench import session
+from replant.workbench.app import opened
 from support.command import call
 from support.http_request import ask
 from support.waiting import PATIENCE
@@ -33,6 +36,20 @@ def test_it_serves_until_ctrl_c_and_takes_the_next_port_where_one_is_in_use(moto
         first.send_signal(signal.SIGINT)
         assert first.wait(PATIENCE) == 0
         assert "Traceback" not in first.stderr.read()
+
+
+def test_the_next_free_port_is_taken_whatever_uses_the_wanted_one() -> None:
+    while True:
+        with socket.create_server(("127.0.0.1", 0)) as taken, contextlib.ExitStack() as held:
+            port = taken.getsockname()[1]
+            try:
+                held.enter_context(socket.create_server(("127.0.0.1", port + 1)))
+                socket.create_server(("127.0.0.1", port + 2)).close()
+            except (OSError, OverflowError):  # in use, or beyond the last port
+                continue
+            with opened([], port=port) as served:
+                assert served.port == port + 2
+            return
 
 
 def test_a_mistake_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

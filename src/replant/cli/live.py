@@ -239,7 +239,7 @@ PLACE = "127.0.0.1:8720"
     default=PLACE,
     show_default=True,
     metavar="HOST:PORT",
-    help="Serve the page there; on the next free port if another workbench uses it.",
+    help="Serve the page there; on the next free port if that one is in use.",
 )
 def open_command(logs: tuple[Path, ...], place: str) -> None:
     """Open LOGs on a local page: look at them, cut a range, try orders, compare, keep a model.

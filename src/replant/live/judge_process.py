@@ -183,7 +183,7 @@ class _Observing:
         if address is None or served or time.monotonic() < self._serve_again:
             return
         self._serve_again = time.monotonic() + AGAIN
-        from replant.live.dashboard.server import PAGES_NEED, serve
+        from replant.live.dashboard.server import PAGES_NEED, InUseError, serve
 
         try:
             with needs(PAGES_NEED, "live"):
@@ -194,6 +194,10 @@ class _Observing:
                 notice=lambda text: self._notices.say("dashboard", f"replant: the dashboard: {text}"),
             )
             self._dashboard = serve(self._hub, address.host, address.port, address.token)
+        except InUseError as mistake:
+            remedy = f"choose another port, as in --dashboard {address.host}:{address.port % 65535 + 1}, or off"
+            self._send(ObserverMessage("failed", f"{one_line(mistake)}; {remedy}"))
+            return
         except (ReplantError, OSError, RuntimeError) as mistake:
             self._send(ObserverMessage("failed", one_line(mistake)))
             return

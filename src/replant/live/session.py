@@ -325,8 +325,8 @@ def run(
     Samples come from the URL ``source``, with the columns ``columns``, and are shown under the names ``signals``.
     Estimates go to the addresses ``sinks``.  Samples and estimates are recorded in the folder ``record``; the state is
     saved in the file ``checkpoint`` at intervals of ``every`` s.  The ``truth`` of a simulated rig is shown beside the
-    estimate.  With ``background`` a second process solves the record again.  ``to_fit``: the options with which `replant
-    fit` identifies the same model from the record.
+    estimate.  With ``background`` a second process solves the record again.  ``to_fit`` are the options with which
+    `replant fit` identifies the same model from the record.
     """
     from rich.console import Console
 

@@ -23,7 +23,7 @@ from starlette.routing import Route, WebSocketRoute
 
 from replant.errors import InvalidArgumentError, ReplantError, shown
 from replant.live.dashboard.app import Hub, file_answer, page_app, stream
-from replant.live.dashboard.server import Dashboard, serve
+from replant.live.dashboard.server import Dashboard, InUseError, serve
 from replant.live.progress import stop_on_signals
 from replant.logs.recording import digest
 from replant.numerics.operating_system import Worker, one_line
@@ -221,14 +221,13 @@ def opened(logs: Sequence[Path], host: str = "127.0.0.1", port: int = 0) -> Iter
 
 
 def _served(session: Session, hub: Hub, host: str, port: int) -> Dashboard:
-    """Serve a session on the wanted port, or on a free one if it is in use."""
+    """Serve a session on the wanted port, or on the next free one if it is in use."""
     word, application = token(), partial(create_app, session)
-    try:
-        return serve(hub, host, port, word, application)
-    except InvalidArgumentError as error:
-        if "in use" not in str(error):
-            raise
-        return serve(hub, host, 0, word, application)
+    while True:
+        try:
+            return serve(hub, host, port, word, application)
+        except InUseError:
+            port += 1
 
 
 LONGEST_BODY = 1 << 20  # largest body of an action's request [bytes]

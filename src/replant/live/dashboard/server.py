@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import ipaddress
 import socket
 import time
@@ -79,6 +80,10 @@ class Dashboard(AbstractContextManager["Dashboard"]):
         self.stop()
 
 
+class InUseError(InvalidArgumentError):
+    """Another program listens on the port."""
+
+
 def serve(
     hub: Hub,
     host: str = "127.0.0.1",
@@ -150,5 +155,6 @@ def _bound(host: str, port: int, kind: type[Listening]) -> Listening:
             listening.close()
             raise
     except OSError as error:
-        raise InvalidArgumentError(f"the dashboard cannot listen on {host}:{port}: {reason_of(error)}") from None
+        kind_of = InUseError if error.errno == errno.EADDRINUSE else InvalidArgumentError
+        raise kind_of(f"the dashboard cannot listen on {host}:{port}: {reason_of(error)}") from None
     return listening
