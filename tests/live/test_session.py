@@ -398,6 +398,28 @@ def test_a_stream_without_lines_or_with_a_title_ends_as_usual(text: str) -> None
     assert session.run()
 
 
+@pytest.mark.parametrize(
+    ("samples", "before", "trouble", "stopped", "words"),
+    [
+        (0, 0, "", False, "no sample came; check that the source sends any"),
+        (0, 0, "refused", False, "no sample came: refused"),
+        (0, 10, "refused", False, "no sample came: refused"),
+        (0, 10, "", False, ""),  # a log whose samples were learned before
+        (0, 0, "refused", True, ""),
+        (10, 0, "refused", False, ""),
+    ],
+)
+def test_that_no_sample_came_is_told_unless_somebody_has_stopped_the_session(
+    samples: int, before: int, trouble: str, stopped: bool, words: str
+) -> None:
+    session, _ = make(FakeSource(*record(samples)), limits=Limits(seconds=0.1), progress=Progress(taken=before))
+    session.source.trouble = trouble
+    if stopped:
+        session.stop()
+    session.run()
+    assert session.missed == words
+
+
 def test_while_no_line_can_be_read_the_first_one_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("replant.live.session.PATIENCE", 0.0)
     session, observer = make(FakeSource(*record(0), endless=True))

@@ -73,6 +73,7 @@ class Session:
         self._throughput = Throughput()
         self._begun = self.progress.taken  # samples of a session before, whose checkpoint this one continues
         self._learned = False  # whether samples were learned since the last handover to the observer
+        self._stopped = False  # whether a user or the reader of the outputs has ended the session
         self._remarked = False  # whether the remark of the source has been shown
         self._inconsistent = False  # whether the identifier may hold samples that the progress does not count
         self._verdict, self._excited, self._coefficients = UNKNOWN, False, False
@@ -104,6 +105,7 @@ class Session:
 
     def stop(self) -> None:
         """End the session once the samples that have arrived are learned; from any thread or a signal handler."""
+        self._stopped = True
         self.source.close()
 
     @property
@@ -138,6 +140,15 @@ class Session:
     def _refused(self) -> str:
         """The first line that the source refused, while this session has read no sample; else empty."""
         return "" if self.progress.taken > self._begun else self.source.refused
+
+    @property
+    def missed(self) -> str:
+        """Why no sample came to a session that nobody has stopped; else empty."""
+        trouble = self.source.trouble
+        # a log or a pipe at its end has no sample more for a session that continues an earlier one
+        if self.progress.taken > self._begun or self._stopped or (self._begun and not trouble):
+            return ""
+        return f"no sample came{f': {trouble}' if trouble else '; check that the source sends any'}"
 
     def _learn_batch(self, batch: Batch) -> None:
         """Learn the samples of a batch, up to the limit on samples."""
@@ -368,6 +379,8 @@ def run(
             observer.show(f"replant: to look at the record while it grows: {shlex.join(['replant', 'open', name])}")
             observer.show(f"replant: to fit it: {shlex.join(['replant', 'fit', name, *to_fit])}")
         reached = session.run()
+        if session.missed:
+            raise LogError(f"{stream.name}: {session.missed}")
         waits = session.identifier.forced_waits if isinstance(session.identifier, Identifier) else 0
         if waits:
             waited = f"{waits:,} times a sample waited for the second process"
