@@ -54,7 +54,8 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
     delay : float or tuple of float
         Dead time in s.
     dt : float
-        Sampling time in s.
+        Sampling time in s: give it.  Scikit-learn asks for a default of each parameter; that of 1 counts time in rows,
+        so that poles come in radians per row, and ``delay`` is a number of rows.
     method : {"auto", "srivc", "least_squares"}
         Method of ``fit`` with one input, see `replant.fit`.
     column : int, optional
