@@ -166,6 +166,23 @@ def test_nothing_is_lost_by_a_reload_a_second_page_or_a_restart(browser, motor: 
 
 
 @pytest.mark.slow
+def test_an_entry_that_is_refused_stays_to_be_corrected(browser, motor: Path) -> None:
+    with opened([motor]) as served:
+        at = Workbench(browser, served.url)
+        at.is_read()
+        at.page.fill("#poles", "2")
+        at.page.fill("#delay", "0,1")
+        at.page.keyboard.press("Tab")
+        at.until(lambda: "with a decimal point" in at.text("notice"))
+        assert [at.page.input_value(f"#{name}") for name in ("poles", "delay")] == ["2", "0,1"]
+        at.page.fill("#delay", " 0.1")
+        at.page.keyboard.press("Tab")
+        at.until(lambda: at.page.input_value("#delay") == "0.1")
+        assert (at.page.input_value("#poles"), at.text("notice")) == ("2", "")
+        at.close()
+
+
+@pytest.mark.slow
 def test_hostile_names_and_values_stay_words(browser, tmp_path: Path) -> None:
     evil = "<img src=x onerror=document.title='owned'>"
     rows = "".join(f"{k},{k % 5},{k % 7 / 3},=cmd()\n" for k in range(400))

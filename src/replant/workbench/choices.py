@@ -158,7 +158,7 @@ def _wished(name: str, given: Any) -> str:
     if value == "" and name != "poles":
         return "" if name == "zeros" else "0"
     if not re.fullmatch(f"{number}(?::{number}){{0,2}}", value):
-        example = "0.02, or 0:0.1:0.02" if name == "delay" else "2, or 1:4"
+        example = "0.02, or 0:0.1:0.02, with a decimal point" if name == "delay" else "2, or 1:4"
         raise InvalidArgumentError(f"{name} {shown(value)}: write {example}")
     grid(value)  # raises if it is not a range
     return value

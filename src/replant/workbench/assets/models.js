@@ -13,7 +13,7 @@ const HINTS = {
 };
 const SVG = "http://www.w3.org/2000/svg";
 const told = new Map();
-let look = () => {};
+let look = () => {}, refused = ""; // the log whose fields hold what the server has not accepted
 
 /** Have a function called with the place in the plots that a reason speaks of. */
 export const whenLooked = call => { look = call; };
@@ -25,17 +25,27 @@ at("wish").addEventListener("submit", async event => {
   event.preventDefault();
   const opened = log();
   if (!opened) return;
-  const found = await act("fit", { log: opened.name, wish: wish() });
+  const found = await wished("fit");
   if (found) choose(found.made[0]);
 });
-at("wish").addEventListener("change", () => log() && act("wish", { log: log().name, wish: wish() }));
+at("wish").addEventListener("change", () => log() && wished("wish"));
+
+/** Send what is typed.  What the server refuses stays in its fields, to be corrected. */
+async function wished(action) {
+  refused = log().name;
+  const found = await act(action, { log: refused, wish: wish() });
+  if (found) refused = "";
+  if (found) drawWish();
+  return found;
+}
 
 export function drawWish() {
   const opened = log();
   if (!opened) return;
-  const kind = document.querySelector(`[name=kind][value=${opened.wish.kind}]`);
-  check(kind, true);
-  for (const name of ["poles", "zeros", "delay"]) fill(at(name), opened.wish[name]);
+  if (refused !== opened.name) {
+    check(document.querySelector(`[name=kind][value=${opened.wish.kind}]`), true);
+    for (const name of ["poles", "zeros", "delay"]) fill(at(name), opened.wish[name]);
+  }
   const chosen = document.querySelector("[name=kind]:checked").value;
   at("zeros").placeholder = chosen === "search" ? "all" : "0";
   write(at("fit"), KIND_WORDS[chosen]);
