@@ -10,6 +10,11 @@ import pytest
 from scipy.signal import lfilter
 
 import replant as rp
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.miso import Row
+from replant.estimation.solver.miso_change import Judge
+from replant.estimation.solver.record_changes import Modelled, is_another_in_parts
+from replant.estimation.solver.solve import solve
 from replant.fitting.fit_result import FitResult
 from replant.numerics.linear_algebra import chi2_quantile
 from support.cases import every
@@ -150,3 +155,40 @@ def test_a_step_of_the_sensor_in_the_middle_is_found(seed: int) -> None:
     assert fitted.loads.size == 1
     assert fitted.transfer_function.dc_gain == pytest.approx(2.0, rel=0.03)
     assert fitted.verdict.status == "trusted"
+
+
+def there_and_back(seed: int, gain: float, drift: float = 0.0) -> tuple[Array, Array]:
+    """A record about a level far from nought, with another gain of the sensor in its middle third."""
+    rng, count = np.random.default_rng([seed, 47]), 900
+    u = rng.uniform(1.0, 3.0, count // 20).repeat(20)
+    clean = rp.TransferFunction([2.0 / 3.0], [1.0, 1.0 / 3.0]).simulate(u, 0.1) + 4.0 * np.exp(-np.arange(count) / 30.0)
+    clean[count // 3 : 2 * count // 3] *= gain
+    noise = 0.03 * rng.standard_normal(count)
+    return u, clean + noise + drift * np.cumsum(rng.standard_normal(count)) / np.sqrt(count)
+
+
+@every("seed", [1, 0], quick=1)
+def test_a_gain_of_the_sensor_that_changes_there_and_back_takes_trust_away(seed: int) -> None:
+    """Its steps of the level are slow noise to one model, beside which no test of that model sees the gain."""
+    assert rp.fit(*there_and_back(seed, 1.4), 0.1, poles=1).verdict.status != "trusted"
+
+
+@pytest.mark.slow
+@every("seed", [1, 0], quick=1)
+def test_the_end_of_a_run_sees_it_too(seed: int) -> None:
+    ident = rp.Identifier(poles=1, dt=0.1)
+    ident.update_many(*there_and_back(seed, 1.4))
+    ident.finish()
+    assert ident.assess().status != "trusted"
+
+
+@pytest.mark.parametrize(("gain", "drift"), [(1.4, 0.0), (1.0, 0.0), (1.0, 1.0)])
+@every("seed", range(10), quick=3)
+def test_parts_with_models_of_their_own_are_told_from_one_model(gain: float, drift: float, seed: int) -> None:
+    """In a drift the parts have other offsets, whether or not a load begins there, and one G(s)."""
+    structure, (u, y) = rp.Structure(1), there_and_back(seed, gain, drift)
+    whole = solve(structure, Record(u - u.mean(), y - y.mean(), np.array([0.1])), nested=True)
+    assert whole is not None
+    row = Row.of_one(structure, whole.record)
+    model = Modelled(row, Judge.of(row, whole.found.theta[:2]))
+    assert is_another_in_parts(model, (300, 600)) == (gain != 1.0)

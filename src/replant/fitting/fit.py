@@ -18,7 +18,7 @@ from replant.estimation.solver.least_squares import choose_filter, least_squares
 from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import WITHOUT, FitResult, ReferenceUse, use_of
 from replant.fitting.miso_fit import RowFit, fit_row
-from replant.fitting.parted_record import differ, solve_parted
+from replant.fitting.parted_record import rival_of, solve_parted
 from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
 from replant.kernels.schema import Doubt
@@ -209,15 +209,21 @@ def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples
     def with_loads(loads: tuple[int, ...]) -> RawRecord:
         return dataclasses.replace(raw, loads=tuple(rows[list(loads)].tolist()))
 
-    found = solve_parted(raw.structure, solution, lambda loads: _solution(with_loads(loads), None))
-    if not found.loads or found.solution is None:
-        return whole
+    def refined(loads: tuple[int, ...], solution: Solution) -> FitResult:
+        return _refined_result(with_loads(loads), given, solution, rejected, None)
+
+    def solved(loads: tuple[int, ...]) -> Solution | None:
+        return _solution(with_loads(loads), None)
+
     rejected = {name: count for name, count in whole.rejected.items() if name not in ("outlier", "stuck")}
-    parted = _refined_result(with_loads(found.loads), given, found.solution, rejected, None)
-    if found.is_sure and parted.verdict.status == "trusted":
-        return parted
-    # if the division may be right, and changes G(s), the fit that was given must not be trusted
-    return dataclasses.replace(whole, rival=parted) if differ(raw.structure, solution, found.solution) else whole
+    found = solve_parted(raw.structure, solution, solved)
+    if found.loads and found.solution is not None and found.is_sure:
+        parted = refined(found.loads, found.solution)
+        if parted.verdict.status == "trusted":
+            return parted
+    # if a division may be right, and speaks against the fit that was given, that must not be trusted
+    rival = rival_of(raw.structure, solution, found, solved)
+    return whole if rival is None else dataclasses.replace(whole, rival=refined(rival.loads, rival.solution))
 
 
 def _result(raw: RawRecord, given: Samples, record: Record, use: ReferenceUse | None, **found: Any) -> FitResult:

@@ -77,7 +77,8 @@ class FitResult(Identified):
     loads : (N,) array of int
         Indices of the samples at which another load begins, with new offset and initial state.
     rival : FitResult or None
-        Another G(s), with loads, that explains the record better, but not surely.
+        A division of the record that speaks against this fit: another G(s), with loads, that explains the record
+        better, but not surely; or parts between which the plant changes.
     record : Record or None
         The prepared record that the verdict uses, with the model's outputs in place of those left out.
     means : tuple of two floats
@@ -143,8 +144,8 @@ class FitResult(Identified):
         change, loaded = None, self.rival or self
         parted = loaded._kept
         if self.method == "srivc":
-            loads = self.loads.size > 0
-            change = plant_changed(self.structure, self._kept, self.parameters, loads=loads, most=MOST_SAMPLES)
+            loads = loaded.loads.size > 0
+            change = plant_changed(self.structure, parted, loaded.parameters, loads=loads, most=MOST_SAMPLES)
         verdict = assess_record(
             self.structure,
             self.parameters,

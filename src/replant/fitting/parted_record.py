@@ -16,6 +16,7 @@ from replant.estimation.solver.record_changes import (
     Parted,
     cost_beside,
     find_plant_change,
+    is_another_in_parts,
     is_sure,
     loads_at_gaps,
     may_have_loads,
@@ -158,9 +159,20 @@ def _models(
         yield from (part.found.theta for part in of_parts if part is not None)
 
 
-def differ(structure: Structure, whole: Solution, parted: Solution) -> bool:
-    """Return whether the outputs of two G(s) for a record's input differ by more than is harmless."""
-    return outputs_differ(Problem(structure, whole.record), parted.found.theta, whole.found.theta)
+def rival_of(
+    structure: Structure, whole: Solution, found: Parted[Solution | None], with_loads: WithLoads
+) -> Parted[Solution] | None:
+    """Return the division that speaks against the model of all samples: by another G(s), or a change of the plant."""
+    divided, differ = found.solution, partial(outputs_differ, Problem(structure, whole.record))
+    if found.loads and divided is not None and differ(divided.found.theta, whole.found.theta):
+        return Parted(divided, found.suspected, found.loads, is_sure=False)
+    # a change of the plant looks like loads: the level changes with the gain.  One G(s) of parts of which none has it
+    # is that of all samples, and hardly likelier
+    model = _model_of(structure, whole) if found.suspected else None
+    if model is None or not is_another_in_parts(model, found.suspected):
+        return None
+    tried = with_loads(found.suspected)
+    return None if tried is None else Parted(tried, found.suspected, found.suspected, is_sure=False)
 
 
 def _model_of(structure: Structure, solution: Solution | None) -> Modelled | None:

@@ -15,7 +15,6 @@ import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.engine.recent_samples import RecentSamples
-from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
 from replant.estimation.simulation.model_run import prediction_error, runs_away
@@ -23,7 +22,7 @@ from replant.estimation.solver.change_contest import decided, is_sure
 from replant.estimation.solver.change_search import begin_of_change, change_at, change_within
 from replant.estimation.solver.record_changes import Parted
 from replant.estimation.solver.solve import Solution, solve
-from replant.fitting.parted_record import differ, solve_parted
+from replant.fitting.parted_record import rival_of, solve_parted
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import likelihood_ratio
@@ -182,11 +181,16 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     solution = solve(settings.structure, record, nested=True)
     if solution is None:
         return None
-    parted = _parted(old, settings, record, solution)
-    new = None if parted is None else _behind(old, settings, parted)
+    structure = settings.structure
+
+    def with_loads(loads: tuple[int, ...]) -> Solution | None:
+        return solve(structure, replace(record, begins=loads))
+
+    # the search for loads has no use of a reference
+    found = None if record.r is not None else solve_parted(structure, solution, with_loads, [old.physical])
+    new = None if found is None else _behind(old, settings, found)
     if new is None:
-        parameters = solution.found.theta[: settings.structure.size]
-        if old.change.is_of_plant and change_within(settings.structure, solution.record, parameters):
+        if old.change.is_of_plant and change_within(structure, solution.record, solution.found.theta[: structure.size]):
             return None
         if _advantage(solution, settings, old.physical) < -SURELY:
             return None
@@ -195,27 +199,19 @@ def solve_whole(old: State, settings: Settings) -> State | None:
         new.change, new.changed_at = Supposition.NOTHING, 0
         new.undecided = False
         _note_end(new, solution)
-        # if loads may act, and give another G(s), that of all samples must not be trusted
-        if parted is not None and differ(settings.structure, solution, parted.solution):
+        # if a division may be right, and speaks against the model of all samples, that must not be trusted
+        rival = None if found is None else rival_of(structure, solution, found, with_loads)
+        if rival is not None:
             new.undecided = True
-            note_loads(new, parted.loads, len(kept))
+            note_loads(new, rival.loads, len(kept))
     return new
 
 
-def _parted(old: State, settings: Settings, record: Record, whole: Solution) -> Parted[Solution] | None:
-    """Return the solution of a record divided at its loads; None if there are none, or the record has a reference."""
-    if record.r is not None:
-        return None
-    structure = settings.structure
-    found = solve_parted(
-        structure, whole, lambda loads: solve(structure, replace(record, begins=loads)), [old.physical]
-    )
-    return None if found.solution is None or not found.loads else Parted(found.solution, (), found.loads, found.is_sure)
-
-
-def _behind(old: State, settings: Settings, parted: Parted[Solution]) -> State | None:
+def _behind(old: State, settings: Settings, parted: Parted[Solution | None]) -> State | None:
     """Return the state after the last load of a divided record; None unless that is sure and its model trusted."""
-    new = behind_loads(old, settings, parted.solution) if parted.is_sure else None
+    if parted.solution is None or not (parted.loads and parted.is_sure):
+        return None
+    new = behind_loads(old, settings, parted.solution)
     if new is None:
         return None
     _note_end(new, parted.solution)

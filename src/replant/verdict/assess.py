@@ -193,11 +193,11 @@ def _of_solution(state: State, settings: Settings) -> Evidence:
     begins, intervals = kept.loads, record.intervals
     if kept.is_bridged.any():
         record = replace(record, measured=~kept.is_bridged)
-    if begins and not state.undecided:
-        record = replace(record, begins=begins).levelled
+    divided = replace(record, begins=begins).levelled if begins else record
     change = plant_changed(
-        structure, record, state.physical[: structure.size], loads=bool(record.begins), most=MOST_SAMPLES
+        structure, divided, state.physical[: structure.size], loads=bool(divided.begins), most=MOST_SAMPLES
     )
+    record = record if state.undecided else divided
     evidence = _of_state(state, settings, record.answering(structure.delay))
     return replace(
         evidence,

@@ -183,13 +183,13 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
         evidence.seconds(evidence.grown) if evidence.grown else 0.0,
         evidence.undecided and not evidence.loads,
     )
-    if evidence.loads:
+    change = evidence.plant_change
+    if evidence.loads and not (evidence.undecided and change is not None):  # it takes the place of loads that may act
         status, reason = ("converging", LOADS_MAY_ACT) if evidence.undecided else ("trusted", LOADS_ACT)
         findings.append(Finding(status, reason.format(sensor_and_excitation.times_after(evidence.loads))))
     if evidence.begun_anew:
         since = duration(evidence.seconds(evidence.begun_anew))
         findings.append(Finding("trusted", sensor_and_excitation.FOLLOWED.format(since)))
-    change = evidence.plant_change
     if change is not None and change.goes_on:
         findings.append(Finding("inconsistent", sensor_and_excitation.CHANGING))
     elif change is not None:

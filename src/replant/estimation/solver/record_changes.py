@@ -26,7 +26,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, stability_margin
-from replant.estimation.simulation.miso import Row, evaluate, noise_of
+from replant.estimation.simulation.miso import Row, colour_of, evaluate, noise_of
 from replant.estimation.solver.change_evidence import weighed
 from replant.estimation.solver.change_search import PlantChange, change_within
 from replant.estimation.solver.miso_change import (
@@ -183,6 +183,29 @@ def _explained(parted: Modelled, whole: Modelled, loads: tuple[int, ...]) -> tup
     row, judge = parted
     cost *= worth_of_lags(row, judge.noise, whole.judge.noise)
     return 0.5 * row.count * math.log(usual / cost), len(loads) * price(row.count, row.nuisances)
+
+
+@quiet
+def is_another_in_parts(whole: Modelled, loads: tuple[int, ...]) -> bool:
+    """Return whether a model of each part of a row explains surely more than one of all, with loads or without."""
+    row = without_unknown(whole.row, set(loads))
+    divided = _with_loads(row, loads)
+    judge = settled(divided, *whole.judge)
+    parts, noise = [divided.part(stretch.rows) for stretch in divided.stretches], judge.noise
+    if len(parts) <= len(loads) or any(part.count <= 4 * (part.nuisances + judge.theta.size) for part in parts):
+        return False
+    for _ in range(2):
+        points = [refine(part, judge.theta, noise) for part in parts]
+        noise = colour_of(divided, [left for point in points for left in point.residual])
+    cost = sum(evaluate(part, point.theta, noise).cost for part, point in zip(parts, points, strict=True))
+    usual, loaded = evaluate(row, *whole.judge).cost, evaluate(divided, *judge).cost
+    if not all(0.0 < each < math.inf for each in (cost, usual, loaded)):
+        return False
+    count, free = row.count, len(loads) * row.nuisances
+    one = min(usual, loaded * count ** (free / count) * worth_of_lags(row, judge.noise, whole.judge.noise))
+    cost *= count ** (free / count) * worth_of_lags(row, noise, whole.judge.noise)
+    more, least = 0.5 * count * math.log(one / cost), len(loads) * price(count, judge.theta.size)
+    return more > least and is_sure(divided, Judge(judge.theta, noise), more, least)
 
 
 @quiet
