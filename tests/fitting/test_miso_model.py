@@ -104,6 +104,16 @@ def test_a_right_model_is_trusted_on_other_records_and_a_wrong_one_is_not(model:
     assert "the inputs could explain a further" in verdict.reasons[0]
 
 
+def test_a_row_that_the_record_knows_better_is_neither_confirmed_nor_of_another_plant(model: rp.RowModel) -> None:
+    """A gain is a quarter off: as much as the model says, or fifty times as much."""
+    parameters = model.parameters * [1.0, 1.0, 1.25, 1.0, 1.0]
+    for part, status in ((0.25, "converging"), (0.005, "inconsistent")):
+        off = replace(model, parameters=parameters, covariance=np.diag((part * parameters) ** 2))
+        verdict = off.validate(*record(1)).verdict
+        assert verdict.status == status
+        assert ("than the uncertainty of the model allows" in verdict.reasons[0]) == (status == "converging")
+
+
 def test_a_log_of_several_inputs_is_fitted_and_validated_as_arrays_are(model: rp.RowModel) -> None:
     u, y = record(0)
     log = rp.Log(u[:, 0], y, DT, input_name="heater", others={"fan": u[:, 1]}, more_inputs=("fan",))

@@ -39,3 +39,26 @@ def test_of_a_record_with_holes_it_is_that_of_generalised_least_squares() -> Non
     explained = np.sum(signals[:, 2] ** 2) - left[0]
     np.testing.assert_allclose(found.weights, weights, rtol=1e-6)
     assert found.statistic == pytest.approx(explained / variance / chi2_quantile(1.0 - ALPHA, 2), rel=1e-6)
+
+
+def test_the_error_of_a_model_of_other_samples_is_counted_as_noise_is() -> None:
+    """The statistic is that of generalised least squares, with the covariance of noise and model together."""
+    rng = np.random.default_rng(5)
+    own, half = np.array([[2.0, -0.5], [-0.5, 1.0]]), 0.1
+    slopes = rng.standard_normal((SAMPLES, 2))
+    columns = slopes + 0.5 * rng.standard_normal((SAMPLES, 2))
+    error = half * rng.standard_normal(SAMPLES) + slopes @ [0.3, 0.7]
+    white, past = Autoregression.white(half**2 * SAMPLES, SAMPLES), np.zeros(SAMPLES, np.int64)
+    residual = Residual.of(error, np.zeros((SAMPLES, 0)), past, slice(None), white)
+    found = residual.explained(columns, own=(slopes, own))
+
+    columns, slopes, error = (each - each.mean(axis=0) for each in (columns, slopes, error))
+    basis = np.linalg.qr(columns)[0]
+    amounts = basis.T @ error
+    variance = np.sum((error - basis @ amounts) ** 2) / (SAMPLES - 3)
+    limit, along = chi2_quantile(1.0 - ALPHA, 2), basis.T @ slopes
+    exactly, spread = amounts @ amounts / variance / limit, variance * np.eye(2) + along @ own @ along.T
+    assert found.exactly == pytest.approx(exactly, rel=1e-6)
+    assert found.statistic == pytest.approx(amounts @ np.linalg.solve(spread, amounts) / limit, rel=1e-6)
+    assert found.exactly > 1.0 > found.statistic
+    assert residual.explained(columns).statistic == pytest.approx(found.exactly)

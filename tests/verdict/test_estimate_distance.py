@@ -67,6 +67,27 @@ def test_its_covariance_is_honest(colour: float, missing: float) -> None:
     np.testing.assert_allclose([each.statistic for each in found], squares / chi2.ppf(0.95, 3), rtol=1e-6)
 
 
+def test_the_error_of_an_estimate_of_other_samples_is_no_change() -> None:
+    """150 models, as far from the truth as their covariance says, 8 % of each coefficient: none differs beyond chance.
+
+    The square is chi2 with three degrees of freedom; its mean lies within four standard errors of 3, a tenth more for a
+    slope that changes within such errors.  Without the models' covariance most of them are accused.
+    """
+    own, limit = np.diag((0.08 * TRUE) ** 2), chi2.ppf(0.95, 3)
+    squares, accused = [], 0
+    for seed in range(150):
+        model = np.random.default_rng([seed, 2]).multivariate_normal(TRUE, own)
+        u = binary(seed, 500, 8)
+        record = Record(u, PLANT.simulate(u, DT) + 0.01 * coloured(seed, 0.5, 500), np.array([DT]))
+        run, rows, past = run_model(STRUCTURE, model, record, DT), slice(0, 500), record.predecessors
+        assert run is not None
+        squares.append(limit * distance(run, rows, past, np.ones(500, bool), 0.05, own=own).statistic)
+        accused += distance(run, rows, past, np.ones(500, bool), 0.05).statistic > 1.0
+    error = np.sqrt(6.0 / 150)
+    assert 3.0 - 4 * error < np.mean(squares) < 3.3 + 4 * error
+    assert accused > 75
+
+
 POLES = (0.0, 0.7, 0.9, 0.97, 0.99, 0.997)
 
 

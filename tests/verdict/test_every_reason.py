@@ -360,6 +360,10 @@ PAIRS: dict[str, Pair] = {
         two_poles,
         lambda: run(U, out(U, part=0.5)),
     ),
+    "which is no more than the uncertainty of the model allows": (
+        lambda: held(0.2, estimate=TRUE * [1.0, 1.2], earlier=TRUE * [1.0, 1.2], adapts=False),
+        lambda: held(0.005, estimate=TRUE * [1.0, 1.2], earlier=TRUE * [1.0, 1.2], adapts=False),
+    ),
     "explains x % of what is left": (
         lambda: beside(lambda x, y: x),
         lambda: beside(lambda x, y: np.append(0.0, y[:-1])),

@@ -240,6 +240,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"to the bit|stuck|extreme of the output|no output has arrived|output is constant|left out", _sensor),
     (r"noise biases an estimate|left the range of float64|an update ", _default),
     (r"make it an input, too|explains nothing of the output|beside the others", _look),
+    (r"the uncertainty of the model allows", _wait),
     (
         r"(?:inputs?|reference) could explain|leaves slow parts|filtered by its noise model|leave float64"
         r"|spoke against the model",

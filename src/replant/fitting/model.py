@@ -186,6 +186,8 @@ class Model(model_file.Written, ModelFields):
     def validate(self, log: Log | Any, y: Any = None, t: Any = None, *, reference: Any = None) -> Validation:
         """Compare the model with another record; offset and initial state are estimated, nothing else.
 
+        A difference counts as a change of the plant if neither noise nor the model's covariance explains it.
+
         Parameters
         ----------
         log : Log or (K,) array

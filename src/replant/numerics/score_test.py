@@ -9,9 +9,10 @@ and what is left of the columns explains of w, where the model is right,
 
 .. math:: w^T C' (C'^T C')^{-1} C'^T w / \sigma^2 \sim \chi^2.
 
-As nothing of Z is left in C', the samples that the model was made from can test it.  Noise of more colour than D takes
-widens the scores: by how much is seen in those of stretches of the record.  How large the part is, is told by the
-columns as they are in the output.
+As nothing of Z is left in C', the samples that the model was made from can test it.  A model of other samples, whose
+slopes S are then not among Z, has an error with a covariance P, which adds :math:`C'^T D S P S^T D^T C'` to that of the
+scores.  Noise of more colour than D takes widens the scores: by how much is seen in those of stretches of the record.
+How large the part is, is told by the columns as they are in the output.
 
 Sources: Rao (1948), "Large sample tests of statistical hypotheses concerning several parameters", Proc. Cambridge Phil.
 Soc. 44; Ljung (1999), "System Identification: Theory for the User", sections 16.5 and 16.6; Soderstrom and Stoica
@@ -40,6 +41,7 @@ class Explained:
     power: float = 0.0  # mean square of the part, less its expected value under noise alone
     std: float = 0.0  # of ``power``
     statistic: float = 0.0  # over its limit: above 1 the part is no chance
+    exactly: float = 0.0  # the same if the model's coefficients were exact, see ``own`` of `Residual.explained`
     chance: float = 1.0  # of so large a part in a residual that the noise model whitens, by the F distribution
     spread: float = math.inf  # standard deviation of the weight of a single column
     roots: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # (C, R): R R' is the covariance of the weights
@@ -145,8 +147,14 @@ class Residual:
         left = combined(columns, weights) - combined(self.known, self._along(self.whitening.of(columns)) @ weights)
         return np.asarray(left - left[self.whitening.used].mean())
 
-    def explained(self, columns: FloatArray, spent: int = 0, *, measures_chance: bool = False) -> Explained:
-        """Return what columns (K, C) could explain of it; how large that is, only if it is sure, or chance counts."""
+    def explained(
+        self, columns: FloatArray, spent: int = 0, *, measures_chance: bool = False,
+        own: tuple[FloatArray, FloatArray] | None = None,
+    ) -> Explained:  # fmt: skip
+        """Return what columns (K, C) could explain of it; how large that is, only if it is sure, or chance counts.
+
+        ``own``: slopes (K, N) of a model that was made from other samples, and the covariance (N, N) of its error.
+        """
         from scipy.special import fdtrc  # slow to import
 
         weights = np.zeros(columns.shape[1])
@@ -171,14 +179,19 @@ class Residual:
         variance = sum_of_squares(rest) / free
         if not variance > 0.0:
             made = float(np.mean(self.left_of(columns, weights)[self.whitening.used] ** 2))
-            return Explained(weights, made, 0.0, math.inf, 0.0, 0.0)
+            return Explained(weights, made, 0.0, math.inf, math.inf, 0.0, 0.0)
         chance = float(fdtrc(count, free, part / count / variance))  # colour that the noise model leaves counts
         variance *= widening(left, rest, variance, basis)
-        statistic = part / (variance * float(chi2_quantile(1.0 - ALPHA, max(count - spent, 1))))
-        spread = math.sqrt(variance) / float(lengths[told][0]) if count == 1 else math.inf
+        limit = float(chi2_quantile(1.0 - ALPHA, max(count - spent, 1)))
+        exactly = statistic = part / (variance * limit)
+        if own is not None:
+            slopes = basis.T @ products(left, self.whitening.of(own[0]))
+            spread, places = np.linalg.eigh(slopes @ own[1] @ slopes.T)
+            statistic = sum_of_squares((places.T @ amounts) / np.sqrt(variance + np.maximum(spread, 0.0))) / limit
+        deviation = math.sqrt(variance) / float(lengths[told][0]) if count == 1 else math.inf
         roots = np.zeros((weights.size, count))
         roots[told] = math.sqrt(variance) * basis / lengths[told][:, None]
-        found = Explained(weights, 0.0, 0.0, statistic, chance, spread, roots)
+        found = Explained(weights, 0.0, 0.0, statistic, exactly, chance, deviation, roots)
         if not (found.is_sure or measures_chance):
             return found
         whole = (columns - combined(self.known, along))[self.whitening.used]  # as they are in the output

@@ -4,7 +4,8 @@ The step :math:`(\sum \zeta\zeta^T)^{-1} \sum \zeta e`, slopes and residual filt
 refined instrumental variables at the estimate: it is zero for an estimate made from the same record.  The filtered
 residual is independent of the slopes, also under feedback.  The step's covariance allows for the remaining colour.  A
 significant step means that noise has biased the estimate, that the estimate is frozen while the plant changes, or that
-it lags.
+it lags.  An estimate that does not learn from the record, as in a validation, has an error of its own: its covariance
+is added to the step's.
 
 A coefficient may be known well and abs G badly, or the other way round; the users of a model use G.  After a change of
 the plant a new model is made from few samples.  It is trusted if three standard deviations of abs G fit into the error
@@ -89,6 +90,10 @@ class Step:
         """Return the step's covariance (n, n) over the noise's variance; columns: instruments coloured as the noise."""
         return np.asarray(self.inverse @ products(columns, columns) @ self.inverse.T)
 
+    def apart(self, covariance: FloatArray, own: FloatArray | None) -> FloatArray:
+        """Return the covariance (n, n) of the step: that by the record's noise, and the estimate's ``own``."""
+        return covariance if own is None else covariance + own * np.outer(self.lengths, self.lengths)
+
     def surprise(self, covariance: FloatArray) -> float:
         """Return step' C^-1 step."""
         return float(self.step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ self.step)
@@ -100,9 +105,13 @@ class Step:
 
 
 def distance(
-    run: ModelRun, rows: slice, past: IntArray, used: BoolArray, false_alarm: float, *, closed: bool = False
-) -> Distance:
-    """Return the Gauss-Newton step from an estimate towards that of some rows (K,), with its significance."""
+    run: ModelRun, rows: slice, past: IntArray, used: BoolArray, false_alarm: float, *, closed: bool = False,
+    own: FloatArray | None = None,
+) -> Distance:  # fmt: skip
+    """Return the Gauss-Newton step from an estimate towards that of some rows (K,), with its significance.
+
+    ``own`` (n, n) is the covariance of an estimate that was made from other samples; else its error is not counted.
+    """
     # past: number of used samples in a row before each, up to LAGS
     nuisances = np.hstack([run.nuisances[rows], np.ones((used.size, 1))])
     zeta, error = run.zeta[rows], run.error[rows]
@@ -125,18 +134,20 @@ def distance(
     usual = sum_of_squares(newton.left) / max(int(whole.sum()), 1)
     covariance = larger(covariance, usual * newton.spread(newton.instruments))
     limit = float(chi2_quantile(1.0 - false_alarm, len(newton.step)))
-    return newton.distance(newton.surprise(covariance), limit, covariance)
+    return newton.distance(newton.surprise(newton.apart(covariance, own)), limit, covariance)
 
 
 def newest_distances(
-    run: ModelRun, past: IntArray, used: BoolArray, counts: Iterable[int], false_alarm: float
-) -> Iterator[tuple[int, Distance]]:
+    run: ModelRun, past: IntArray, used: BoolArray, counts: Iterable[int], false_alarm: float,
+    own: FloatArray | None = None,
+) -> Iterator[tuple[int, Distance]]:  # fmt: skip
     """Yield the Gauss-Newton step from an estimate by the newest samples alone, for each of ``counts``.
 
     A few samples do not determine the colour of their own residual: coloured noise would be taken for a change.  So
     colour and power are those of the residual over the whole run (generalised least squares).  Slow noise makes steps
     scatter more than this predicts; the factor is measured on earlier stretches of the same length.  (The scatter of
-    the estimate's path does not measure it: the path moves after a change, which would then hide itself.)
+    the estimate's path does not measure it: the path moves after a change, which would then hide itself.)  To the
+    covariance of each step the estimate's ``own`` is added, as in `distance`.
     """
     error = np.where(used, run.error - run.error[used].mean(), 0.0)
     noise = Autoregression.of_residual(error, past, int(used.sum()))
@@ -153,6 +164,7 @@ def newest_distances(
         )
         free = max(int(whole[rows].sum()) - len(found.step) - nuisances.shape[1], 1)
         covariance = max(usual, sum_of_squares(found.left) / free) * found.spread(found.instruments)
+        covariance = found.apart(covariance, own)
         return found, covariance, found.surprise(covariance)
 
     def scatter(count: int) -> float:
@@ -228,7 +240,8 @@ def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Fi
     present, surest, size, length = _magnitude(evidence, evidence.estimate, omega), 0.0, 0.0, 0
     counts = sorted({evidence.held_out, *(evidence.enough * times for times in LENGTHS)} - {0})
     whole = slice(0, evidence.samples)
-    for count, away in newest_distances(runs.now, evidence.past_of(whole), evidence.used, counts, ALPHA):
+    past, used = evidence.past_of(whole), evidence.used
+    for count, away in newest_distances(runs.now, past, used, counts, ALPHA, evidence.own):
         if not away.statistic > 1.0:
             continue
         there = _magnitude(evidence, evidence.estimate[: evidence.coefficients] + away.step, omega)

@@ -78,7 +78,8 @@ def estimate_findings(
     rows, chance = evidence.known, ALPHA
     if not evidence.instruments:
         rows, chance = slice(0, evidence.samples), SUSPECT
-    away = distance_of(runs.now, rows, evidence.past_of(rows), evidence.used[rows], chance, closed=closed)
+    past, used = evidence.past_of(rows), evidence.used[rows]
+    away = distance_of(runs.now, rows, past, used, chance, closed=closed, own=evidence.own)
     known = away.covariance if evidence.covariance is None else evidence.covariance[:size, :size]
     std = np.sqrt(np.maximum(np.diag(known), 0.0))
     uncertainty = runs.size(std[: evidence.structure.poles], speeds.poles)
@@ -272,7 +273,8 @@ def _surprise(evidence: Evidence, away: Distance, known: FloatArray) -> float:
 def _of_distance(evidence: Evidence, distance: float) -> Finding:
     reason = f"the samples give a coefficient that differs by {percent(distance)}"
     if not evidence.adapts:
-        return Finding("inconsistent", f"{reason}: the plant has changed since, or is another one")
+        known = "" if evidence.own is not None else ", or the model, whose uncertainty is not known, was not accurate"
+        return Finding("inconsistent", f"{reason}: the plant has changed since, or is another one{known}")
     if not evidence.instruments:
         return Finding("inconsistent", f"{reason}: noise biases an estimate without instruments")
     return Finding("converging", f"{reason}: the estimate has not converged to them yet")

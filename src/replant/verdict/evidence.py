@@ -30,6 +30,7 @@ COPY_OF = (
     "the output is a copy of the input{}, sample for sample: name the output's column; or a proportional controller "
     "makes that input: move its set-point, and give it as the reference"
 )  # {}: its name, if any
+ALLOWED = "which is no more than the uncertainty of the model allows: fit it to these samples, too"
 COPY = COPY_OF.format("")
 RESTING = 1e-12  # movement that is rounding of float64, some thousand times its precision [part of the largest value]
 ROUNDING = 1e-6  # rounding of a log, whose numbers have at least six digits [part of a signal]
@@ -150,6 +151,17 @@ class Evidence:
     def tested(self, error: FloatArray) -> FloatArray:
         """Return an error (W,) with NaN at samples that no test uses."""
         return np.where(self.used, error, np.nan)
+
+    @property
+    def own(self) -> FloatArray | None:
+        """Covariance (n + m + 1, ..) by which the estimate's error adds to the samples' noise; None: by nothing.
+
+        An estimate that learns from the samples is compared with what they say, and one without a covariance is taken
+        as it is.
+        """
+        if self.adapts or self.covariance is None:
+            return None
+        return self.covariance[: self.coefficients, : self.coefficients]
 
     def past_of(self, rows: slice, *, unbroken: bool = False) -> IntArray:
         """Return the number of used samples (if ``unbroken``, of any) in a row before each of some rows, up to LAGS."""

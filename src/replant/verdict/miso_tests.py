@@ -17,7 +17,7 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import chi2_quantile, combined, inverse_of, products, sum_of_squares
 from replant.numerics.projections import orthogonal, widening, without
-from replant.verdict.evidence import COPY_OF, FEWEST, RESTED, STANDS_STILL, is_copy, moving, rounding_of
+from replant.verdict.evidence import ALLOWED, COPY_OF, FEWEST, RESTED, STANDS_STILL, is_copy, moving, rounding_of
 from replant.verdict.held_output import held_output_findings
 from replant.verdict.loop import Reference
 from replant.verdict.miso_certainty import unsure, untold
@@ -159,12 +159,16 @@ def lacking(row: Row, point: Point, noise: Autoregression, covariance: FloatArra
     """Yield what filters of the inputs could explain of the residual; ``covariance``: of a model of another record."""
     signals = row.inputs if row.outside is None else row.outside.signals
     significance, part = of_filters(row, point, noise, *signals.T, covariance=covariance)
-    if significance > 1.0 and part > MATTERS:
-        yield Finding(
-            "inconsistent",
-            f"the inputs could explain a further {percent(part)} of the output's power ({figure(significance)} times "
-            "the limit of chance): try more poles or zeros, or another dead time",
-        )
+    if not part > MATTERS:
+        return
+    reason = f"the inputs could explain a further {percent(part)} of the output's power"
+    if significance > 1.0:
+        reason += f" ({figure(significance)} times the limit of chance)"
+        yield Finding("inconsistent", f"{reason}: try more poles or zeros, or another dead time")
+    elif covariance is not None:
+        exactly, _ = of_filters(row, point, noise, *signals.T, covariance=np.zeros_like(covariance))
+        if exactly > 1.0:
+            yield Finding("converging", f"{reason}, {ALLOWED}")
 
 
 def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
@@ -263,12 +267,12 @@ def of_filters(
     known = point.theta.size if covariance is None else 0
     variance = point.cost / max(row.count - known - row.nuisances * len(row.stretches), 1)
     amounts, spread = products(basis, error[:, None])[:, 0], variance * np.eye(basis.shape[1])
+    power = sum_of_squares(amounts) - float(np.trace(spread))
     if covariance is not None:
         along = products(basis, phi)
         spread = spread + along @ covariance @ along.T
     statistic = float(amounts @ np.linalg.lstsq(spread, amounts, rcond=None)[0])
     limit = chi2_quantile(1.0 - ALPHA, basis.shape[1]) * widening(basis, error - combined(basis, amounts), variance)
-    power = float(amounts @ amounts) - float(np.trace(spread))
     return statistic / max(limit, 1e-300), power / max(power_of_row(row, noise), np.finfo(float).tiny)
 
 

@@ -36,6 +36,7 @@ from replant.verdict import sensor_and_excitation
 from replant.verdict.alternatives import Acting, dynamics, residual_of, unexplained_by_reference
 from replant.verdict.estimate_tests import estimate_findings, slow_noise, without_longer
 from replant.verdict.evidence import (
+    ALLOWED,
     CONSTANT,
     COPY,
     LEAST_POWER,
@@ -286,12 +287,14 @@ def _unexplained(acting: Acting, figures: Figures) -> list[Finding]:
     named = rhythm_findings(acting, part) or dead_time_findings(acting, part)
     if named:
         return named
-    if not part.is_sure or part.power < NEGLIGIBLE:
+    if not part.exactly > 1.0 or part.power < NEGLIGIBLE:
         return []
     source = "input" if loop.reference is None else "reference"  # the input may explain what the noise model leaves
     reason = f"the {source} could explain another {percent(min(part.power, 1.0))} of the output's power"
     if not part.is_large:
         return [Finding("trusted", f"{reason}, unexplained by the model: small, but statistically significant")]
+    if not part.is_sure:
+        return [Finding("converging", f"{reason}, {ALLOWED}")]
     if loop.feedback.found and loop.reference is None:
         return [Finding("inconsistent", f"{reason}: {COLOURED}")]
     biased = "" if acting.evidence.instruments else "noise, which biases an estimate without instruments, "
@@ -301,7 +304,8 @@ def _unexplained(acting: Acting, figures: Figures) -> list[Finding]:
 
 def _unexplained_before(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Return a finding if the input explains much of the earlier estimate's residual in samples it has not used."""
-    if not (evidence.held_out and evidence.used[evidence.newest].any()):
+    # where all samples are held out, `_unexplained` has tested them
+    if not (0 < evidence.held_out < evidence.samples and evidence.used[evidence.newest].any()):
         return []
     newest, run = replace(evidence, follows=True), runs.old  # `known` is then what was held out
     rows = newest.known
