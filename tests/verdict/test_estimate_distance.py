@@ -51,6 +51,19 @@ def test_without_noise_the_step_leads_to_the_truth() -> None:
         assert found.statistic > 1.0
 
 
+def test_the_step_is_that_of_any_zero_of_the_input() -> None:
+    """An integrator's initial state makes up for another zero: the output by it depends on the coefficients, too."""
+    truth, u = np.array([0.7, 0.0, 0.7]), binary(1, SAMPLES, 8) + 0.3
+    y = rp.TransferFunction([0.7], [1.0, 0.7, 0.0]).simulate(u, DT)
+    estimate, steps = truth + 1e-3 * np.array([0.7, 0.01, -0.7]), []
+    for zero in (0.0, 0.3, -2.0):
+        run = run_model(STRUCTURE, estimate, Record(u - zero, y, np.array([DT])), DT)
+        assert run is not None
+        steps.append(distance(run, slice(0, SAMPLES), *known(EVERY), 0.05).step)
+    np.testing.assert_allclose(steps, [truth - estimate] * 3, atol=5e-6)
+    np.testing.assert_allclose(steps[1:], [steps[0]] * 2, rtol=1e-4)
+
+
 @pytest.mark.parametrize(("colour", "missing"), [(0.0, 0.0), (0.8, 0.0), (0.98, 0.15)])
 def test_its_covariance_is_honest(colour: float, missing: float) -> None:
     """200 records, run with the true model: step' C^-1 step is chi2 with three degrees of freedom.

@@ -65,7 +65,7 @@ def unexplained_by_reference(evidence: Evidence, run: ModelRun, reference: Refer
     error = run.error[rows]
     residual = residual_of(evidence, error, np.zeros((error.size, 0)))
     spent = evidence.coefficients if evidence.in_sample else 0
-    own = None if evidence.own is None else (run.zeta[rows], evidence.own)
+    own = None if evidence.own is None else (run.slopes[rows], evidence.own)
     found = residual.explained(reference.states[rows], spent, measures_chance=True, own=own)
     return found.of_output(reference.output[rows], error, evidence.used[rows])
 
@@ -158,7 +158,7 @@ class Acting:
         residual, own = self.residual, None
         if reference is None and not (evidence.adapts and evidence.instruments):  # slopes had no part of the samples
             residual = residual_of(evidence, self.error, self.nuisances)
-            own = None if evidence.own is None else (self.slopes[self.rows], evidence.own)
+            own = None if evidence.own is None else (self.runs.now.slopes[self.rows], evidence.own)
         residual = residual.knowing(np.hstack(known)) if known else residual
         found = residual.explained(self.linear, measures_chance=True, own=own)
         return found.of_output(self.made, self.error, evidence.used[self.rows])

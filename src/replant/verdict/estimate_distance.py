@@ -114,7 +114,8 @@ def distance(
     """
     # past: number of used samples in a row before each, up to LAGS
     nuisances = np.hstack([run.nuisances[rows], np.ones((used.size, 1))])
-    zeta, error = run.zeta[rows], run.error[rows]
+    # with the initial state's part: of a slow plant it depends on the coefficients as well
+    zeta, error = run.slopes[rows], run.error[rows]
     # In a closed loop the noise model is that of the residual itself: the slopes would explain much of a load's effect,
     # and the rest has another colour.  Instruments from a reference are right with any filter.
     taken = nuisances if closed or run.instruments is not None else np.hstack([zeta, nuisances])
@@ -153,7 +154,7 @@ def newest_distances(
     noise = Autoregression.of_residual(error, past, int(used.sum()))
     white, whole = noise.whiten_whole(error, past, used)
     nuisances = noise.whiten_whole(np.hstack([run.nuisances, np.ones((used.size, 1))]), past, used)[0]
-    slopes = noise.whiten_whole(run.zeta, past, used)[0]
+    slopes = noise.whiten_whole(run.slopes, past, used)[0]
     by_reference = None if run.instruments is None else noise.whiten_whole(run.instruments, past, used)[0]
     usual, longest = sum_of_squares(white) / max(int(whole.sum()), 1), 0
 
