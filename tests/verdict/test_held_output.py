@@ -10,6 +10,7 @@ from replant.signals import random_steps
 from replant.verdict import Verdict
 from support.cases import every
 
+SWINGING = rp.TransferFunction([2.0], [1.0, 2.0, 4.0])
 SAMPLES, PLANT = 3000, rp.TransferFunction([2.0], [30.0, 1.0])
 HELD = "the output is held from report to report"
 
@@ -76,3 +77,34 @@ def test_equal_outputs_of_a_coarse_scale_are_not_held(step: float, noise: float)
         u, y = record(seed, noise)
         found = rp.fit(u, step * np.round(y / step), 1.0, poles=1).verdict
         assert not any(HELD in reason for reason in found.reasons), found.reasons
+
+
+def swinging(seed: int, noise: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
+    """A plant that crosses a step of a coarse scale within a sample or two, and then rests within one."""
+    u = random_steps(2000, shortest=10, longest=60, low=-1.0, high=1.0, seed=seed)
+    return u, SWINGING.simulate(u, 0.1) + noise * np.random.default_rng(seed).standard_normal(u.size)
+
+
+@every("seed, step", [(4, 0.1), (1, 0.2), (5, 0.1), (4, 0.2)], quick=2)
+def test_a_coarse_scale_that_the_plant_crosses_fast_is_not_held(seed: int, step: float) -> None:
+    """A new value lies half a step ahead of the plant: a model of these alone is early, and the one of all is right."""
+    u, y = swinging(seed)
+    found = rp.fit(u, step * np.round(y / step), 0.1, poles=2).verdict
+    assert found.status == "trusted", found.reasons
+
+
+@every("seed, step", [(0, 0.4), (1, 0.2)], quick=1)
+def test_nor_is_it_behind_two_inputs(seed: int, step: float) -> None:
+    (u, y), other = swinging(seed), random_steps(2000, shortest=10, longest=60, low=-1.0, high=1.0, seed=100 + seed)
+    y = y + rp.TransferFunction([0.5], [1.0, 0.5]).simulate(other, 0.1)
+    found = rp.fit(np.column_stack([other, u]), step * np.round(y / step), 0.1, poles=(1, 2)).verdict
+    assert found.status == "trusted", found.reasons
+
+
+@every("step, noise", [(0.0, 0.1), (0.1, 0.01)], quick=1)
+def test_one_that_is_held_for_five_rows_is_with_much_noise_and_on_a_coarse_scale(step: float, noise: float) -> None:
+    for seed in range(2):
+        u, y = swinging(seed, noise)
+        y = np.repeat(y[::5], 5)
+        found = rp.fit(u, step * np.round(y / step) if step else y, 0.1, poles=2).verdict
+        assert (found.status, found.reasons[0][: len(HELD)]) == ("inconsistent", HELD), (seed, found.reasons)

@@ -4,10 +4,14 @@ Sensors slower than the clock, historians that write a value once it has moved b
 the last message give rows that repeat an output though the plant has moved.  To the model this looks like a dead time
 of about half the usual interval between reports, and like a stuck sensor.
 
-A model is made of the reports alone, to first order.  If the output is held, its error in a row that repeats a report
-contains the movement of the plant since then, and is larger than at a report.  If a coarse scale gives equal outputs by
-chance, the error is no larger, as the model is then nearest in the middle of a run.  The ratio of both powers has
-Snedecor's F distribution if there is no difference; the errors of a run are correlated and count as one.
+A model is made of the reports alone, to first order.  If the output is held, its error contains the movement of the
+plant since the report, and is largest in the last row that repeats it.  The ratio of its power there to that at the
+reports has Snedecor's F distribution if there is no difference; the errors of a run are correlated, and one counts.
+
+A coarse scale repeats values, too.  One that is new then lies half a step ahead of the plant, and half a step behind it
+just before the next: a model of these alone is early, and the ratio large.  To the model of all rows, which is right
+then, no error of rounding exceeds half a step; to that of a held output, early and late rows of a run are off by half
+the movement between reports.  Less than a step of it is not told from rounding.
 
 Source: Ljung (1999), "System Identification: Theory for the User", section 14.2 (missing outputs).
 """
@@ -42,18 +46,18 @@ def _held(evidence: Evidence, runs: Runs) -> tuple[float, float] | None:
     """
     rows, run = evidence.known, runs.now
     y, used = evidence.raw[rows], evidence.used[rows]
+    rounding = rounding_of(run.forced[rows], y[used]) ** 2
     used = used & (y > y[used].min()) & (y < y[used].max())  # at the ends of its scale a sensor also repeats values
     repeated = np.concatenate([[False], used[1:] & used[:-1] & (y[1:] == y[:-1])])
-    reports = used & ~repeated
-    fresh, held = int(np.count_nonzero(reports)), int(np.count_nonzero(repeated[1:] & ~repeated[:-1]))
+    reports, last = used & ~repeated, repeated & ~np.append(repeated[1:], False)
+    fresh, held = int(np.count_nonzero(reports)), int(np.count_nonzero(last))
     if 2 * held < fresh or fresh < evidence.enough:  # most reports are not repeated, or there are too few for a model
         return None
-    columns = np.hstack([run.zeta[rows], run.nuisances[rows]])
-    step = amounts_of(columns[reports], run.error[rows][reports])
-    left = run.error[rows] - columns @ step
-    power = sum_of_squares(left[repeated]) / np.count_nonzero(repeated)
-    freedom = fresh - step.size
-    ratio = power / max(sum_of_squares(left[reports]) / freedom, rounding_of(run.forced[rows], y[used]) ** 2)
+    error, columns = run.error[rows], np.hstack([run.zeta[rows], run.nuisances[rows]])
+    step = amounts_of(columns[reports], error[reports])
+    left, freedom = error - columns @ step, fresh - step.size
+    usual = max(sum_of_squares(left[reports]) / freedom, rounding)
+    ratio = min(sum_of_squares(left[last]) / usual, sum_of_squares(error[last]) / rounding) / held
     from scipy import special  # slow to import
 
     if not special.fdtrc(held, freedom, ratio) < ALPHA:
