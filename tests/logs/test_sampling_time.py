@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -304,3 +305,40 @@ def test_stamps_too_coarse_for_their_rows_leave_rows_that_are_alike_in(write: Wr
     rows = "".join(f"{k // 3},{k // 30},{k // 4}\n" for k in range(60))
     with pytest.raises(LogError, match="line 3, column 't': the time stamp 0 repeats the one before"):
         read_log(write("t,u,y\n" + rows), input="u", output="y")
+
+
+WARM = [20.0 + (k % 3) - 0.1 * (k % 7) for k in range(40)]  # a temperature that rises and falls
+
+
+@every("names", [("Zeit", "u", "T"), ("t", "u", "T [°C]"), ("time", "u", "T"), ("t", "u", "T")])
+def test_a_temperature_under_the_letter_t_is_the_output_and_not_the_time(write: Write, names: tuple[str, ...]) -> None:
+    rows = [",".join(names), *(f"{0.5 * k},{k % 2},{warm}" for k, warm in enumerate(WARM))]
+    log = read_log(write("\n".join(rows)), input="u", output="T", time="Zeit" if names[0] == "Zeit" else None)
+    assert log.dt == 0.5
+    assert log.output.tolist() == pytest.approx(WARM)
+
+
+def test_a_temperature_under_the_letter_t_does_not_make_the_time_ambiguous_or_wrong(write: Write) -> None:
+    rows = [f"{0.5 * k},{k % 2},{k % 3},{warm}" for k, warm in enumerate(WARM)]
+    assert read_log(write("\n".join(["t,u,y,T", *rows])), input="u", output="y").dt == 0.5
+    with pytest.raises(LogError, match="no column is called t, time or timestamp; name the time column"):
+        read_log(write("\n".join(["Zeit,u,y,T", *rows])), input="u", output="y")
+
+
+def test_a_clock_under_the_letter_t_may_have_a_stamp_out_of_order_which_is_refused(write: Write) -> None:
+    stamps = [f"{0.5 * k}" for k in range(40)]
+    stamps[30] = "0.1"
+    with pytest.raises(LogError, match=r"line 32, column 'T': the time stamp 0\.1 goes back"):
+        read_log(write(log_text(stamps, "T")), input="u", output="y")
+
+
+def test_the_index_of_a_table_is_the_time_beside_a_temperature_with_the_letter_of_time() -> None:
+    index = pandas.Index(0.5 * np.arange(40), name="hours")
+    table = pandas.DataFrame({"u": np.arange(40) % 2, "T": WARM}, index=index)
+    assert read_log(table, input="u", output="T").dt == 0.5
+
+
+def test_a_column_of_text_under_the_letter_t_is_not_the_time(write: Write) -> None:
+    rows = [f"{0.5 * k},{k % 2},{k % 3},warm" for k in range(40)]
+    with pytest.raises(LogError, match="no column is called t, time or timestamp; name the time column"):
+        read_log(write("\n".join(["Zeit,u,y,T", *rows])), input="u", output="y")

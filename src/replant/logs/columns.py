@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from replant.errors import LogError
-from replant.logs.sampling_time import interval_of, time_columns, unit_of_column
+from replant.logs.sampling_time import MOSTLY, interval_of, time_columns, unit_of_column
 from replant.logs.table import Table, listed
 from replant.numerics.arguments import FloatArray
 
@@ -127,7 +127,6 @@ def read_contents(table: Table) -> Contents:
 GAP = 1.5  # shortest interval of a steady clock that is a gap [usual intervals]
 LOST = 3.5  # the same for a clock with jitter, as GAP of `replant.estimation.engine.record` [usual intervals]
 STEADY = 0.2  # largest deviation of a steady interval [part of the median]
-MOSTLY = 0.95  # part of the intervals of an unnamed time column that must be steady [part]
 SINCE_1970 = 1e9  # stamp of September 2001: a column that never falls and is larger is taken for times since 1970 [s]
 FEWEST = 20  # fewest rows of a time column without a name of time [rows]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
-from replant.logs.sampling_time import time_candidates
+from replant.logs.sampling_time import named_time_columns, time_candidates
 from replant.logs.table import Table, listed, nth_row
 from replant.numerics.arguments import FloatArray
 
@@ -62,7 +62,7 @@ class Frame:
     @property
     def clock(self) -> int | None:
         """The default time column: an index of times, else the only column with a name of time, else another index."""
-        named, last = time_candidates(self.names), len(self.names)
+        named, last = named_time_columns(self.table), len(self.names)
         has_index = last < len(self.values)
         if (has_index and last in self.table.in_seconds) or (has_index and len(named) != 1):
             return last

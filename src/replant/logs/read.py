@@ -64,8 +64,9 @@ def read_log(
     """Read the inputs, the output and optional references of a plant from a recorded log.
 
     Without `time` and `dt`, the sampling time comes from a column called t, time or timestamp (in any case, also with a
-    unit as in ``time [s]``), else from the only column of dates or clock times, else from a number called Ts in a .mat,
-    .npz or HDF5 file.  A warning reports parts that are left out, such as a last line that was cut off.
+    unit as in ``time [s]``; T only if it increases and is the only one), else from the only column of dates or clock
+    times, else from a number called Ts in a .mat, .npz or HDF5 file.  A warning reports parts that are left out, such
+    as a last line that was cut off.
 
     Parameters
     ----------
@@ -317,7 +318,13 @@ def _find_time(table: Table, roles: dict[str, int]) -> int:
     if len(candidates) == 1:
         return candidates[0]
     if not candidates:
-        other = "no other column" if time_columns(table) else "no column"
-        raise LogError(f"{table.path}: {other} is called t, time or timestamp; {_GIVE_TIME}")
+        times = time_columns(table)
+        taken = next((role for role, number in roles.items() if number in times), None)
+        if taken is not None:
+            kind = taken.split()[0]
+            remedy = f"{_GIVE_TIME}, or choose another column as the {kind}"
+            is_time = f" is a time by its name, and no other column is called t, time or timestamp; {remedy}"
+            raise table.error(roles[taken], is_time)
+        raise LogError(f"{table.path}: no column is called t, time or timestamp; {_GIVE_TIME}")
     names = listed([shown(table.names[number]) for number in candidates])
     raise LogError(f"{table.path}: several columns could be the time: {names}; {_GIVE_TIME}")

@@ -10,13 +10,14 @@ from numbers import Real
 
 import numpy as np
 
-from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
 from replant.logs.table import Table, forget
 from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray, number
 from replant.numerics.limits import duration
 from replant.numerics.time_stamps import TOLERANCE, StampResolution, is_regular_interval
 
+MOSTLY = 0.95  # part of the steps of a column that must be those of a time [part]
 CHECKED = 1 << 18  # stamps from which the median interval is computed [samples]
 FINE = 1e-4  # largest rounding error at which the digits of an interval are still rounded off [part of the interval]
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
@@ -45,9 +46,29 @@ def time_candidates(names: Sequence[str]) -> list[int]:
 
 def time_columns(table: Table) -> list[int]:
     """Return the columns that may be the time: by name, or, if no name is that of a time, the columns of dates."""
+    return named_time_columns(table) or sorted(table.in_seconds)
+
+
+def named_time_columns(table: Table) -> list[int]:
+    """Return the columns with a name of time; T, without a unit of time, only if there is no other and it increases."""
     by_path = [name.replace("/", ".") for name in table.names]  # HDF5: t/s may be a path, or t in s
     named = {*time_candidates(table.names), *time_candidates(by_path)}
-    return sorted(named or table.in_seconds)
+    letters = {number for number in named if by_path[number].strip().rpartition(".")[2] == "T"}  # or a temperature
+    if letters and letters == named:
+        return sorted(number for number in named if number in table.in_seconds or _increases(table, number))
+    return sorted(named - letters)
+
+
+def _increases(table: Table, number: int) -> bool:
+    """Return whether the first values of a column increase, but for few stamps out of order."""
+    try:
+        (values,) = table.head([number], 1)
+    except LogError:  # it holds no numbers
+        return False
+    with np.errstate(invalid="ignore", over="ignore"):
+        changes = np.diff(values)
+    rising, falling = np.count_nonzero(changes > 0.0), np.count_nonzero(changes < 0.0)
+    return bool(rising > 0 and rising >= MOSTLY * (rising + falling))
 
 
 def unit_in_seconds(name: str) -> float:

@@ -227,10 +227,10 @@ class Table:
             raise unreadable_error(self.path, error) from error
 
     def find(self, key: str | int) -> int:
-        """Return the number of a column: by exact name, else ignoring case, else without its unit, else by number."""
+        """Return the number of a column: by its name, else without its unit, else ignoring case, else by number."""
         if not isinstance(key, str):
             return self._number(key)
-        for form in (str, _folded, _bare):
+        for form in (str, _bare, _folded, _bare_folded):
             found = [number for number, name in enumerate(self.names) if form(name) == form(key)]
             if len(found) == 1:
                 return found[0]
@@ -338,6 +338,10 @@ def _folded(name: str) -> str:
 
 
 def _bare(name: str) -> str:
+    return "".join(without_unit(name).split())
+
+
+def _bare_folded(name: str) -> str:
     return _folded(without_unit(name))
 
 

@@ -474,3 +474,17 @@ def test_a_column_without_numbers_is_neither_quantised_nor_held() -> None:
     """Nothing is known of the column, so it gets no role."""
     for column in (describe(0, "x", np.full(5, np.nan)), Column(1, "name", Kind.TEXT, 5, 5)):
         assert (column.levels, column.quantised, column.held, column.is_signal) == (0, False, 0.0, False)
+
+
+@every("names", [("Zeit", "u", "T"), ("u", "T")])
+def test_a_temperature_under_the_letter_t_is_the_output_of_a_log(tmp_path: Path, names: tuple[str, ...]) -> None:
+    signals = dict(zip(("Zeit", "u", "T"), open_loop(noise=0.1).values(), strict=True))
+    found = inspect(save(tmp_path / "log.csv", {name: signals[name] for name in names}))
+    assert found.roles.output is not None
+    assert found.roles.output.column.name == "T"
+    assert (found.clock is None) == ("Zeit" not in names)
+
+
+def test_a_temperature_under_the_letter_t_leaves_no_doubt_about_the_time(tmp_path: Path) -> None:
+    signals = dict(zip(("t", "u", "T"), open_loop(noise=0.1).values(), strict=True))
+    assert options_of(inspect(save(tmp_path / "log.csv", signals))) == ("-i", "u", "-o", "T", "-p", "2")
