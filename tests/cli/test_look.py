@@ -334,3 +334,33 @@ def test_of_a_step_that_moves_nothing_no_response_is_seen(capsys, tmp_path: Path
     code, out, _ = call(capsys, "look", log, "-i", "valve", "-o", "level", "--json")
     assert code == 0
     assert (json.loads(out)["first_model"], json.loads(out)["response"]) == (None, None)
+
+
+def test_of_rows_that_are_not_in_order_no_command_is_suggested(capsys, tmp_path: Path) -> None:
+    u = prbs(600, hold=10)
+    y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1)
+    rows = [f"{0.1 * k:.1f},{a},{b}" for k, (a, b) in enumerate(zip(u, y, strict=True))]
+    path = tmp_path / "log.csv"
+    mixed = np.random.default_rng(1).permutation(600)
+    path.write_text("\n".join(["t,u,y", *(rows[k] for k in mixed)]))
+    _, out, _ = call(capsys, "look", path)
+    back = int((np.diff(mixed) < 0).sum())
+    assert f"the time goes back in {back} of 600 rows: sort the rows by time" in " ".join(out.split())
+    assert out.splitlines()[-1] == "No command to suggest: sort the rows by time first."
+    found = json.loads(call(capsys, "look", path, "--json")[1])
+    assert (found["command"], found["clock"]["dt"], found["clock"]["not_rising"]) == (None, 0.1, back)
+    path.write_text("\n".join(["t,u,y", *rows]))
+    in_order = json.loads(call(capsys, "look", path, "--json")[1])
+    assert found["response"] == in_order["response"]
+    assert call(capsys, "fit", path)[2].splitlines()[-1].endswith("-p 2")
+
+
+def test_a_clock_that_begins_anew_and_single_wrong_stamps_are_no_reason_to_sort(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    anew = [0.1 * (k % 20) for k in range(200)]
+    wrong = [0.1 * k if k % 50 else 0.1 * k - 0.25 for k in range(200)]
+    for stamps in (anew, wrong):
+        path.write_text("t,u,y\n" + "".join(f"{t:.2f},{k // 5 % 2},{k % 7}\n" for k, t in enumerate(stamps)))
+        _, out, _ = call(capsys, "look", path)
+        assert "sort" not in out
+        assert out.splitlines()[-1].endswith("--dt 0.1")

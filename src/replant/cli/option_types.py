@@ -244,7 +244,7 @@ def check_complete(given: dict[str, Any]) -> None:
 
 def _look(given: dict[str, Any]) -> str:
     """Print what is in the log; return how the command goes on."""
-    from replant.fitting.log_inspection import inspect, options_of
+    from replant.fitting.log_inspection import inspect, lacking, options_of
     from replant.report.log_as_text import print_findings
 
     columns = {name: given[f"{name}_column"] for name in ("input", "output", "time")}
@@ -255,6 +255,8 @@ def _look(given: dict[str, Any]) -> str:
         return f"and {problem}."
     print_findings(terminal(stderr=True), found)
     options = options_of(found)
+    if found.clock is not None and found.clock.shuffled:
+        return f"{lacking(found)}."
     if not options:
         return "no two columns of numbers that change are in the log: name them if you know better."
     return f"try: {_completed(options)}"

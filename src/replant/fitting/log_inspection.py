@@ -18,6 +18,7 @@ from replant.logs.log import Log
 from replant.logs.merged_channels import held_where_empty, side_by_side
 from replant.logs.read import with_repeats_noted
 from replant.logs.recording import Recording
+from replant.logs.sampling_time import is_shuffled
 from replant.logs.table import Table, repeated_rows
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
@@ -161,6 +162,7 @@ def inspect(
     contents = replace(contents, values={number: held_where_empty(each) for number, each in raw.items()})
     is_held = any(each is not raw[number] for number, each in contents.values.items())
     clock = find_clock(table, contents, own if time is None else table.find(time), set(given.values()))
+    contents, clock = _in_order(table, contents, clock)
     table, contents, clock = _without_repeats(table, contents, clock, is_held=is_held)
     record = _record(contents, clock, given)
     signals = [column for column in record if column.is_signal and (clock is None or column != clock.column)]
@@ -178,12 +180,28 @@ def inspect(
     return replace(found, others=_others(found, signals))
 
 
+def _in_order(table: Table, contents: Contents, clock: Clock | None) -> tuple[Contents, Clock | None]:
+    """Return columns and clock in the order of time, if the rows of the file are not; the clock keeps the problem."""
+    if clock is None or clock.column is None or not is_shuffled(t := contents.values[clock.column.number]):
+        return contents, clock
+    order = np.argsort(t, kind="stable")
+    values = contents.values | {n: each[order] for n, each in contents.values.items() if each.size == t.size}
+    columns = tuple(
+        each if each.number not in values else describe(each.number, each.name, values[each.number])
+        for each in contents.columns
+    )
+    contents = replace(contents, columns=columns, values=values)
+    found = find_clock(table, contents, clock.column.number)
+    assert found is not None
+    return contents, replace(found, guess=clock.guess, backward=clock.backward, problem=clock.problem, shuffled=True)
+
+
 def _without_repeats(
     table: Table, contents: Contents, clock: Clock | None, *, is_held: bool
 ) -> tuple[Table, Contents, Clock | None]:
     """Return columns and clock without repeated rows; if ``is_held``, without all but the last row of a stamp."""
     # where columns have rows of their own, the last row of a stamp has all values that are known then
-    if clock is None or clock.column is None or not clock.problem:
+    if clock is None or clock.column is None or not clock.problem or clock.shuffled:
         return table, contents, clock
     t = contents.values[clock.column.number]
     beside = {number: each for number, each in contents.values.items() if each.size == t.size}
@@ -228,10 +246,22 @@ def _record(contents: Contents, clock: Clock | None, given: dict[str, int]) -> t
     return tuple(column for column in contents.columns if column.rows == length)
 
 
+def lacking(found: Inspection) -> str:
+    """Return what a log lacks for a first fit; empty if nothing."""
+    if found.rows < 2:
+        counted = "1 row" if found.rows == 1 else f"{found.rows} rows"
+        return f"{counted} of data, at least 2 are needed; record more samples"
+    if found.clock is not None and found.clock.shuffled:
+        return "sort the rows by time first"
+    if found.roles.input is None or found.roles.output is None:
+        return "name two columns of changing numbers with --input and --output"
+    return ""
+
+
 def options_of(found: Inspection) -> tuple[str, ...]:
-    """Return the options of a first fit: columns, poles, clock, dead time; empty without input and output."""
+    """Return the options of a first fit: columns, poles, clock, dead time; empty if `lacking` says what is missing."""
     u, y, r = found.roles.input, found.roles.output, found.roles.reference
-    if u is None or y is None:
+    if u is None or y is None or lacking(found):
         return ()
     poles = POLES if found.first is None else 1
     words = ["-i", key_of(found.table, u.column), "-o", key_of(found.table, y.column), "-p", str(poles)]

@@ -146,6 +146,7 @@ class Clock:
     backward: int  # number of stamps that repeat, go back, or are missing
     duration: float  # from the first stamp to the last, in s
     problem: str  # why `replant run` would refuse these stamps; empty if it accepts them
+    shuffled: bool = False  # whether the rows of the file are not in the order of time
 
 
 def find_clock(

@@ -67,8 +67,22 @@ def _increases(table: Table, number: int) -> bool:
         return False
     with np.errstate(invalid="ignore", over="ignore"):
         changes = np.diff(values)
-    rising, falling = np.count_nonzero(changes > 0.0), np.count_nonzero(changes < 0.0)
-    return bool(rising > 0 and rising >= MOSTLY * (rising + falling))
+    return bool((changes > 0.0).any() and _mostly_rise(changes))
+
+
+def _mostly_rise(steps: FloatArray) -> bool:
+    """Return whether few of the steps other than 0 go back."""
+    rising, falling = np.count_nonzero(steps > 0.0), np.count_nonzero(steps < 0.0)
+    return bool(rising >= MOSTLY * (rising + falling))
+
+
+def is_shuffled(stamps: FloatArray) -> bool:
+    """Return whether rows are not in the order of their stamps (K,); few wrong stamps or a clock's restarts are not."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.diff(stamps[np.isfinite(stamps)])
+    if _mostly_rise(steps) or not (steps > 0.0).any():
+        return False
+    return bool(np.median(-steps[steps < 0.0]) <= ANEW * np.median(np.abs(steps)))
 
 
 def unit_in_seconds(name: str) -> float:
@@ -150,6 +164,9 @@ def _check_increasing(table: Table, number: int, stamps: FloatArray, first: int)
         what = f"{stamps[row]:.12g} {what} the one before ({stamps[row - 1]:.12g})"
         if (steps < 0.0).all():
             remedy = "the file runs backwards: sort its rows by time"
+        elif is_shuffled(stamps):
+            back = f"{np.count_nonzero(steps < 0.0):,} of {stamps.size:,}"
+            remedy = f"the time goes back in {back} rows: sort the rows by time"
         elif not steps.any():
             remedy = "all stamps are equal: give the sampling time (dt, --dt) instead of a time column"
         elif -steps[row - 1] > ANEW * float(np.median(np.abs(steps))):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.fitting.log_inspection import Inspection, options_of
+from replant.fitting.log_inspection import Inspection, lacking, options_of
 from replant.fitting.model_json import finite
 from replant.logs.column_roles import Role
 from replant.logs.columns import Column, Kind, counts_rows
@@ -111,10 +111,7 @@ def print_look(console: Any, found: Inspection) -> None:
     """Print columns, clock, guesses and the suggested command."""
     print_findings(console, found)
     console.print()
-    lacking = "name two columns of changing numbers with --input and --output"
-    if found.rows < 2:
-        lacking = f"{_counted(found.rows, 'row')} of data, at least 2 are needed; record more samples"
-    _say(console, command_of(found) or f"No command to suggest: {lacking}.")
+    _say(console, command_of(found) or f"No command to suggest: {lacking(found)}.")
 
 
 def print_findings(console: Any, found: Inspection) -> None:
@@ -230,7 +227,9 @@ def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
         yield "", f"The unit is a guess: {clock.doubt}."
     elif clock.problem:
         yield "", f"Its stamps are not used as they are: {clock.problem}."
-    if clock.problem:
+    if clock.shuffled:
+        yield "", "All that is shown here is of the rows in the order of time."
+    elif clock.problem:
         missing = ", as if none were missing" if clock.gaps else ""
         yield "", f"The command counts samples instead, --dt {clock.dt:.6g}{missing}."
 
