@@ -278,7 +278,7 @@ def test_a_part_of_the_log_is_identified(capsys, tmp_path: Path, command: str) -
     rows = [f"{0.05 * k:.2f},{u[k]},{gains[k] * y[k]:.17g}" for k in range(u.size)]
     path.write_text("t,u,y\n" + "\n".join(rows) + "\n")
     columns = ("-i", "u", "-o", "y", "-p", 1, "--json")
-    _, out, err = call(capsys, command, path, *columns, "--to", 49.95)
+    _, out, err = call(capsys, command, path, *columns, "--to", 50)
     assert err == ""
     answer = json.loads(out)
     answer = answer["default"] if command == "compare" else answer

@@ -25,13 +25,13 @@ def text(samples: int, *, dt: float = 0.1, start: float = 0.0, name: str = "t") 
     [
         (None, None, 0, 99),
         (2.0, None, 20, 99),
-        (None, 3.0, 0, 30),
-        (0.3, 0.7, 3, 7),
+        (None, 3.0, 0, 29),
+        (0.3, 0.7, 3, 6),
         (0.25, 0.75, 3, 7),
         (5, 99, 50, 99),
     ],
 )
-def test_both_ends_belong_to_the_part(
+def test_the_begin_belongs_to_the_part_and_the_end_does_not(
     write: Write, begin: float | None, end: float | None, first: int, last: int, start: float
 ) -> None:
     path = write(text(100, start=start))
@@ -45,12 +45,12 @@ def test_both_ends_belong_to_the_part(
 
 def test_the_unit_of_the_stamps_counts(write: Write) -> None:
     path = write(text(100, dt=100.0, name="t [ms]"))
-    assert read_log(path, input="u", output="y", begin=0.3, end=0.7).output.tolist() == [3, 4, 5, 6, 7]
+    assert read_log(path, input="u", output="y", begin=0.3, end=0.7).output.tolist() == [3, 4, 5, 6]
 
 
 def test_without_a_time_column_the_sampling_time_counts(write: Write) -> None:
     path = write(text(100, name="n"))
-    assert read_log(path, input="u", output="y", dt=0.1, begin=0.3, end=0.7).output.tolist() == [3, 4, 5, 6, 7]
+    assert read_log(path, input="u", output="y", dt=0.1, begin=0.3, end=0.7).output.tolist() == [3, 4, 5, 6]
 
 
 def test_every_chunk_of_a_long_log_is_cut(write: Write) -> None:
@@ -60,8 +60,8 @@ def test_every_chunk_of_a_long_log_is_cut(write: Write) -> None:
     recording = open_recording(path, input="u", output="y", begin=500.0, end=2500.0, most_held=1000)
     assert recording.held is None
     y = np.concatenate([batch[1] for batch in recording.batches()])
-    assert y.size == recording.samples == 200_001
-    assert np.array_equal(y, np.arange(50_000, 250_001))
+    assert y.size == recording.samples == 200_000
+    assert np.array_equal(y, np.arange(50_000, 250_000))
     newest = recording.newest(y[-5:], y[-5:])
     assert (newest.begin, newest.end) == (500.0, 2500.0)
 
@@ -70,7 +70,7 @@ def test_a_fault_outside_of_the_part_does_no_harm_and_one_inside_names_its_line(
     lines = text(100).splitlines()
     lines[51] = lines[51].replace("5,", "4.9,", 1)  # the stamp before, once more
     path = write("\n".join(lines) + "\n")
-    assert len(read_log(path, input="u", output="y", end=4.0)) == 41
+    assert len(read_log(path, input="u", output="y", end=4.0)) == 40
     with pytest.raises(LogError, match="line 52, column 't'"):
         read_log(path, input="u", output="y", begin=2.0)
 

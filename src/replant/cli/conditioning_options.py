@@ -71,8 +71,8 @@ def _stretch(text: str) -> tuple[float, float]:
 stretch_of = parsed(_stretch, "is no stretch of time; write 12s:32s, from and to after the first sample")
 #: The options that name stretches, and their lines of help.
 STRETCHES = {
-    "use": "Use only this stretch of time, such as 0s:60s; the input before it is still used.",
-    "leave_out": "Leave out the output of this stretch of time, such as 12s:32s.",
+    "use": "Use only this stretch of time, such as 0s:60s, without its end; the input before it is still used.",
+    "leave_out": "Leave out the output of this stretch of time, such as 12s:32s; that at its end stays.",
     "validate_on": "Leave out this stretch, and validate the model on it.",
 }
 

@@ -99,7 +99,7 @@ _REST = group(
     click.option(
         "--from", "begin", type=float, metavar="S", help="Leave out all samples before S, in s from the first sample."
     ),
-    click.option("--to", "end", type=float, metavar="S", help="Leave out samples after S, in s from the first one."),
+    click.option("--to", "end", type=float, metavar="S", help="Leave out S and all samples after it."),
     BIAS,
     FEEDTHROUGH,
     INPUT_MAP,

@@ -87,7 +87,7 @@ def read_log(
         The column of the reference: a controller's set-point or a dither, applied from outside; with several inputs,
         perhaps a list.
     begin, end : float, optional
-        Read only the rows between these times, in s from the first row of the log.
+        Read only the rows from `begin` to before `end`, in s from the first row of the log.
 
     Returns
     -------

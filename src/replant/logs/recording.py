@@ -91,7 +91,7 @@ def digest(path: Path) -> str:
         return ""
 
 
-ROUND_OFF = 1e-6  # distance beyond an end of the range at which a stamp still counts as inside [part of an interval]
+ROUND_OFF = 1e-6  # distance before an end of the range at which a stamp counts as at that end [part of an interval]
 
 
 def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
@@ -106,11 +106,11 @@ def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
 
 
 def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: int | None) -> Table:
-    """Return the table of the rows between two times in s, both included."""
+    """Return the table of the rows from ``begin`` to before ``end``, in s."""
     if time is None:
         assert dt is not None
         first = math.ceil(begin / dt - ROUND_OFF)
-        stop = math.inf if math.isinf(end) else math.floor(end / dt + ROUND_OFF) + 1
+        stop = math.inf if math.isinf(end) else math.ceil(end / dt - ROUND_OFF)
     else:
         unit = 1.0 if time in table.in_seconds else unit_in_seconds(table.names[time])
         first, stop = _rows_between((block for (block,) in table.stream([time])), begin / unit, end / unit)
@@ -130,7 +130,7 @@ def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: i
 
 
 def _rows_between(blocks: Iterator[FloatArray], begin: float, end: float) -> tuple[int, int]:
-    """Return the first row at or after ``begin``, and the first row beyond ``end`` (the number of rows if none is)."""
+    """Return the first row at or after ``begin``, and that at or after ``end`` (the number of rows if none is)."""
     origin, slack, row, first = math.nan, 0.0, 0, -1
     for stamps in blocks:
         if math.isnan(origin) and stamps.size:
@@ -141,7 +141,7 @@ def _rows_between(blocks: Iterator[FloatArray], begin: float, end: float) -> tup
         since = stamps - origin
         if first < 0 and (reached := np.flatnonzero(since >= begin - slack)).size:
             first = row + int(reached[0])
-        beyond = np.flatnonzero(since > end + slack)
+        beyond = np.flatnonzero(since >= end - slack)
         if beyond.size:
             return (first if first >= 0 else row), row + int(beyond[0])
         row += stamps.size
