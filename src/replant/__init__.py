@@ -9,7 +9,7 @@ What most programs need, in this order; help(rp.fit) and so on says more:
     search      the numbers of poles and zeros and the dead time with the most evidence
     compare     several models over one record
     read_log    a record from a file: csv, mat, parquet and more; Log of arrays; examples.motor() for a first try
-    bandpass, decimate, detrend, from_rest, resample    a record conditioned before it is identified
+    bandpass, decimate, detrend, from_rest, leave_out, resample    a record conditioned before it is identified
     load_model, load    what Model.save and Identifier.save have written
     fleet       models of many rigs; those that are odd, those that drift
 
@@ -76,6 +76,7 @@ _PLACES = {
     "decimate": "replant.logs.conditioning",
     "detrend": "replant.logs.conditioning",
     "from_rest": "replant.logs.conditioning",
+    "leave_out": "replant.logs.conditioning",
     "resample": "replant.logs.conditioning",
     "NoiseModel": "replant.model.noise",
     "Preprocess": "replant.model.preprocess",

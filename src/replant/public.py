@@ -21,7 +21,7 @@ from replant.estimation.filters import RefinedFilter as RefinedFilter, StateVari
 from replant.online.identifier import Identifier as Identifier
 from replant.logs.frequency_band import bandpass as bandpass
 from replant.logs.conditioning import decimate as decimate, detrend as detrend, resample as resample
-from replant.logs.conditioning import from_rest as from_rest
+from replant.logs.conditioning import from_rest as from_rest, leave_out as leave_out
 from replant.logs import Log as Log, read_log as read_log
 from replant.fitting.model import Model as Model
 from replant.fitting.several_outputs import MatrixFit as MatrixFit, MatrixModel as MatrixModel, load_model as load_model

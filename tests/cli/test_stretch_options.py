@@ -94,3 +94,21 @@ def test_what_cannot_be_is_one_line(capsys, log: Path, more: tuple[str, ...], wo
     code, out, err = call(capsys, "fit", log, *COLUMNS, *more)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert words in err
+
+
+@pytest.mark.parametrize("command", ["fit", "run"])
+def test_what_the_user_leaves_out_is_not_rejected(capsys, log: Path, tmp_path: Path, command: str) -> None:
+    more = ("--leave-out", "200s:300s", "--validate-on", "400s:500s")
+    found = model_of(capsys, command, log, *more, "--save", tmp_path / "m.json", "--out", tmp_path / "out")
+    assert (found["samples"], set(found["rejected"].values())) == (800, {0})
+    assert set(dict(rp.load_model(tmp_path / "m.json").rejected).values()) == {0}
+    assert "Rejected samples" not in (tmp_path / "out" / "report.html").read_text("utf-8")
+
+
+def test_what_the_log_lacks_is_still_rejected(capsys, log: Path, tmp_path: Path) -> None:
+    rows = log.read_text().splitlines()
+    rows[101:141] = [row.rpartition(",")[0] + "," for row in rows[101:141]]
+    log.write_text("\n".join(rows) + "\n")
+    found = model_of(capsys, "fit", log, "--leave-out", "200s:300s", "--out", tmp_path / "out")
+    assert (found["samples"], found["rejected"]["not finite"]) == (1200 - 200 - 40, 40)
+    assert "Rejected samples" in (tmp_path / "out" / "report.html").read_text("utf-8")

@@ -178,6 +178,7 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
     "bandpass": lambda: (rp.bandpass, {"log": LOG, "low": 0.5, "high": 2.0}),
     "detrend": lambda: (rp.detrend, {"log": LOG}),
     "from_rest": lambda: (rp.from_rest, {"log": LOG}),
+    "leave_out": lambda: (rp.leave_out, {"log": LOG, "stretches": [(0.1, 0.3)], "use": [(0.0, 0.5)]}),
     "resample": lambda: (rp.resample, {"log": LOG, "dt": 0.15}),
     "fit": lambda: (rp.fit, {**RECORD, **STRUCTURE, "method": "auto", "t": T, "reference": U}),
     "fit by least squares": lambda: (

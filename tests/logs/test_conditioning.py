@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.logs.conditioning import HALF_LENGTH, decimate, detrend, resample
+from replant.errors import InvalidArgumentError
+from replant.logs import Log
+from replant.logs.conditioning import HALF_LENGTH, decimate, detrend, from_rest, leave_out, resample
 from replant.signals import prbs, white_noise
 from support.cases import every
 
@@ -180,3 +182,28 @@ def test_every_way_to_a_model_uses_the_hold_of_the_log(hold: str) -> None:
     squares = rp.fit(log, poles=2, method="least_squares")
     assert squares.model.input_hold == hold
     np.testing.assert_allclose(squares.parameters, TRUE, rtol=1e-2)
+
+
+@every("count", [1, 3, 7, 49, 99])
+@every("start", [0.0, 1234.5, 1.7e9])
+def test_stretches_that_follow_each_other_share_no_output_and_leave_none(count: int, start: float) -> None:
+    log = Log(np.arange(100.0), np.arange(100.0), 0.1, start + 0.1 * np.arange(100))
+    border = round(0.1 * count, 1)
+    before, after = leave_out(log, [(border, None)]), leave_out(log, [(None, border)])
+    assert before.output.tolist() == list(range(count))
+    assert after.output[np.isfinite(after.output)].tolist() == list(range(count, 100))
+    assert (before.withheld, after.withheld, after.input.size) == (0, count, 100)
+
+
+def test_a_part_of_a_file_and_the_rest_before_it_do_not_move_a_stretch() -> None:
+    u = np.repeat([0.0, 1.0, 0.0], 40)
+    log = Log(u, u, 0.5, begin=10.0)
+    for given in (log, from_rest(log)):
+        missing = np.flatnonzero(np.isnan(leave_out(given, [(30.0, 35.0)]).output)) - given.rest
+        assert missing[missing >= 0].tolist()[-10:] == list(range(40, 50))
+
+
+@every("stretch", [(3.0, 2.0), (9.0, None), (1.0,), "ab", (float("nan"), 2.0), 5.0])
+def test_a_stretch_without_samples_is_refused(stretch: object) -> None:
+    with pytest.raises(InvalidArgumentError):
+        leave_out(Log(np.zeros(10), np.zeros(10), 0.5), [stretch])  # type: ignore[list-item]

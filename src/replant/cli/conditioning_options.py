@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain
 from typing import Any
 
 import click
@@ -14,9 +15,8 @@ import numpy as np
 from replant.cli.messages import note
 from replant.cli.option_types import Choice, flag, group, parsed
 from replant.errors import InvalidArgumentError
-from replant.logs.conditioning import STEPS, from_rest
-from replant.logs.log import Log, changed
-from replant.numerics.arguments import BoolArray
+from replant.logs.conditioning import STEPS, from_rest, leave_out
+from replant.logs.log import Log
 
 
 def _band(text: str) -> tuple[float | None, float | None]:
@@ -92,28 +92,17 @@ stretch_options = group(
 
 def stretched(log: Log, options: dict[str, Any]) -> Log:
     """Return a log up to the last output that the options leave in, and without those that they leave out."""
-    clock = log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0]
-    clock = clock + (options.get("begin") or 0.0)
-    used, left_out, held = (_within(clock, name, options) for name in STRETCHES)
-    left = (used if options.get("use") else np.ones(clock.size, bool)) & ~left_out & ~held
-    if not (left & np.isfinite(log.output)).any():
-        raise InvalidArgumentError("--use, --leave-out, --validate-on: no output is left to make a model of")
-    note(f"{int((~left).sum()):,} of {clock.size:,} outputs are left out by --use, --leave-out or --validate-on")
-    end = int(np.flatnonzero(left)[-1]) + 1  # missing outputs at the end would look like a failed sensor
-    time = None if log.time is None else log.time[:end]
-    return changed(log, lambda signal: signal[:end], np.where(left, log.output, np.nan)[:end], time=time)
+    use, *others = ([_ends(each) for each in options.get(name) or ()] for name in STRETCHES)
+    with _named("--use, --leave-out, --validate-on"):
+        left = leave_out(log, [*chain.from_iterable(others)], use=use)
+    count = np.isfinite(log.output).sum() - np.isfinite(left.output).sum()
+    note(f"{count:,} of {log.output.size:,} outputs are left out by --use, --leave-out or --validate-on")
+    return left
 
 
-def _within(clock: Any, name: str, options: dict[str, Any]) -> BoolArray:
-    """Return which samples (K,) lie in the stretches of an option."""
-    found = np.zeros(clock.size, bool)
-    for begin, end in options.get(name) or ():
-        inside = (clock >= begin) & (clock < end)
-        if not inside.any():
-            lasts = f"{clock[0]:.6g} to {clock[-1]:.6g} s" if clock.size else "no time"
-            raise InvalidArgumentError(f"{_dashed(name)} {begin:g}:{end:g}: no sample lies there; the log has {lasts}")
-        found |= inside
-    return found
+def _ends(stretch: tuple[float, float]) -> tuple[float, float | None]:
+    begin, end = stretch
+    return begin, end if math.isfinite(end) else None
 
 
 ESTIMATE, REST = "estimate", "rest"

@@ -93,7 +93,7 @@ def run_command(startup: int | None, **options: Any) -> None:
     if shown is not None:
         log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
     assert log is not None
-    result, more = judged_by_log(result, log).without_rest(log.rest), {}
+    result, more = judged_by_log(result, log).without_added(log.added), {}
     if path is not None and not to.as_json:
         click.echo(f"wrote {path}")
     if len(structures) > 1:
@@ -299,4 +299,5 @@ def as_one(logs: list[Log]) -> Log:
         all_of.u, all_of.y, all_of.dt, all_of.t, all_of.input_name, all_of.output_name, Path(all_of.source),
         reference=all_of.reference, reference_name=all_of.reference_name, irregular=True, input_hold=all_of.input_hold,
         others=all_of.others, more_inputs=all_of.more_inputs, more_references=all_of.more_references, rest=all_of.rest,
+        withheld=all_of.added - all_of.rest,
     )  # fmt: skip

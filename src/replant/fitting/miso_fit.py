@@ -15,7 +15,7 @@ from replant.fitting.model_fields import Provenance, unnamed
 from replant.fitting.parted_record import solve_parted_row
 from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
-from replant.logs.log import without_rest
+from replant.logs.log import without_added
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import accepted, screen
 from replant.model.structure import Structure
@@ -136,7 +136,7 @@ def ready_row(
     check_numbers(given, columns, output, references)
     if references is not None:
         output = np.where(np.isfinite(references).all(axis=1), output, np.nan)
-    rejected = without_rest(screen(np.abs(columns).max(axis=1), output)[1], "not finite", given.rest)
+    rejected = without_added(screen(np.abs(columns).max(axis=1), output)[1], "not finite", given.added)
     ready = RowRecord.of(columns, output, dt, stamps, given.input_hold, given.begins)
     record, longest = ready.record, max(each.delay for each in structures)
     size = sum(each.size + each.poles for each in structures) + 1

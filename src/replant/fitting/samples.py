@@ -14,7 +14,7 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.estimation.engine.record import Record, ready_record
 from replant.estimation.simulation.fitted_run import FittedRun
 from replant.fitting.model import reference_of
-from replant.logs.log import Log, unused, without_rest
+from replant.logs.log import Log, unused, without_added
 from replant.logs.read import in_python, log_of_frame
 from replant.model.interop import unit_of, without_unit
 from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
@@ -51,6 +51,7 @@ class Samples:
     more_inputs: tuple[str, ...] = ()  # names of those of ``others`` that are inputs too
     more_references: tuple[str, ...] = ()  # those that are references too
     rest: int = 0  # samples that `from_rest` has put before the logs
+    added: int = 0  # these, and the outputs that `leave_out` has left out
 
     @classmethod
     def of(
@@ -84,7 +85,7 @@ class Samples:
             return cls(
                 u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True,
                 u.input_hold, u.sha256, u.others, reference_name=u.reference_name, more_inputs=u.more_inputs,
-                more_references=u.more_references, rest=u.rest,
+                more_references=u.more_references, rest=u.rest, added=u.added,
             )  # fmt: skip
         if y is None or dt is None:
             raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
@@ -119,6 +120,7 @@ class Samples:
             source=", ".join(log.path.name for log in logs),
             begins=tuple(np.cumsum([log.input.size for log in logs[:-1]]).tolist()),
             rest=sum(log.rest for log in logs),
+            added=sum(log.added for log in logs),
         )  # fmt: skip
 
     @property
@@ -157,7 +159,7 @@ class Samples:
         r = None if self.reference is None else accepted(reference_of(self.reference, u.size))[0]
         y = y if r is None else np.where(np.isfinite(r), y, np.nan)
         usable, rejected = screen(preprocess.map_input(u), y)
-        rejected = without_rest(rejected, "not finite", self.rest)
+        rejected = without_added(rejected, "not finite", self.added)
         samples, others = int(usable.sum()), rejected_in_words(rejected)
         if samples < structure.size + 1:
             beside = f" ({others})" if others else ""

@@ -7,7 +7,7 @@ to input, output and reference.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,9 @@ import numpy as np
 from replant.errors import InvalidArgumentError, shown
 from replant.logs.frequency_band import bandpass
 from replant.logs.log import Log, changed
+from replant.logs.recording import ROUND_OFF
 from replant.model.preprocess import accepted
-from replant.numerics.arguments import FloatArray, instance, whole
+from replant.numerics.arguments import BoolArray, FloatArray, instance, number, whole
 from replant.numerics.limits import duration, increasing
 
 BEFORE = 1.0  # rest put before a log: a plant that settles more slowly is too slow for the log [duration of the log]
@@ -89,6 +90,73 @@ def outputs_from_rest(u: FloatArray, y: FloatArray) -> FloatArray | None:
     places = (count + still[-1]) * np.linspace(0.0, 1.0, still.size) ** 2
     output[np.maximum(places.round().astype(int), np.arange(still.size))] = y[still]
     return output
+
+
+Stretch = tuple[float | None, float | None]
+
+
+def leave_out(log: Log, stretches: Sequence[Stretch] = (), *, use: Sequence[Stretch] = ()) -> Log:
+    """Leave out the outputs of stretches of time, in which they are wrong, or which are kept to validate on.
+
+    The inputs stay: they act on the outputs that follow.
+
+    Parameters
+    ----------
+    log : Log
+    stretches : sequence of tuples
+        Begin and end of each stretch, in s from the first sample of the file.  The output at its begin is left out,
+        that at its end stays.  None is the begin or the end of the log.
+    use : sequence of tuples, optional
+        Stretches outside of which all outputs are left out.
+
+    Returns
+    -------
+    Log
+        The log up to the last output that remains; those left out are missing.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a stretch has no sample, or no output remains.
+
+    Examples
+    --------
+    >>> log = Log([0.0, 1.0, 1.0, 1.0, 0.0], [0.0, 0.1, 9.0, 0.3, 0.4], dt=0.5)
+    >>> leave_out(log, [(1.0, 1.5), (2.0, None)]).output
+    array([0. , 0.1, nan, 0.3])
+    """
+    log = instance("log", log, Log)
+    clock = _clock(log)
+    clock = clock - clock[min(log.rest, clock.size - 1) :][:1] + (log.begin or 0.0)
+    used = _within(clock, log.dt, use) if use else np.ones(clock.size, bool)
+    left = used & ~_within(clock, log.dt, stretches)
+    if not (left & np.isfinite(log.output)).any():
+        raise InvalidArgumentError("no output is left to make a model of")
+    end = int(np.flatnonzero(left)[-1]) + 1  # missing outputs at the end would look like a failed sensor
+    withheld = int((np.isfinite(log.output) & ~left)[:end].sum())
+    return changed(
+        log, lambda signal: signal[:end], np.where(left, log.output, np.nan)[:end],
+        time=None if log.time is None else log.time[:end], withheld=log.withheld + withheld,
+    )  # fmt: skip
+
+
+def _within(clock: FloatArray, dt: float, stretches: Sequence[Stretch]) -> BoolArray:
+    """Return which samples (K,) lie in stretches of time, where rounding moves no sample over an end."""
+    found, slack = np.zeros(clock.size, bool), ROUND_OFF * dt
+    for stretch in stretches if isinstance(stretches, list | tuple) else [stretches]:
+        ends = tuple(stretch) if isinstance(stretch, list | tuple) else ()
+        if len(ends) != 2:
+            raise InvalidArgumentError(
+                f"stretches must be begins and ends in s, as [(12.0, 32.0)]; got {shown(stretch)}"
+            )
+        begin = 0.0 if ends[0] is None else number("the begin of a stretch", ends[0])
+        end = math.inf if ends[1] is None else number("the end of a stretch", ends[1])
+        inside = (clock >= begin - slack) & (clock < end - slack)
+        if not inside.any():
+            lasts = f"{clock[0]:.6g} to {clock[-1]:.6g} s" if clock.size else "no time"
+            raise InvalidArgumentError(f"{begin:g}:{end:g}: no sample lies there; the log has {lasts}")
+        found |= inside
+    return found
 
 
 HALF_LENGTH = 10  # half the length of the filter; its transition band is 0.13 new rates wide [new sampling times]
@@ -207,7 +275,7 @@ def decimate(log: Log, factor: int) -> Log:
     time = None if log.time is None else log.time[half : log.input.size - half : factor]
     return changed(
         log, lambda signal: thinned(centred(signal)), thinned(log.output),
-        dt=log.dt * factor, time=time, input_hold="foh", rest=len(range(half, log.rest, factor)),
+        dt=log.dt * factor, time=time, input_hold="foh", rest=len(range(half, log.rest, factor)), withheld=0,
     )  # fmt: skip
 
 
@@ -289,7 +357,9 @@ def resample(log: Log, dt: float) -> Log:
         return np.asarray(np.where(missing, np.nan, np.interp(grid, t, accepted(signal)[0])))
 
     rest = int(np.searchsorted(grid, t[log.rest])) if log.rest < t.size else grid.size
-    return changed(log, averaged, interpolated(log.output), dt=dt, time=grid, irregular=False, earlier=0, rest=rest)
+    return changed(
+        log, averaged, interpolated(log.output), dt=dt, time=grid, irregular=False, earlier=0, rest=rest, withheld=0
+    )
 
 
 def _clock(log: Log) -> FloatArray:

@@ -57,6 +57,8 @@ class Log:
     rest : int
         Number of samples that `from_rest` put before the record; `duration` and the counts of samples in a result
         leave them out.
+    withheld : int
+        Number of outputs that `leave_out` has left out; a result counts them neither as samples nor as rejected.
 
     Examples
     --------
@@ -84,6 +86,7 @@ class Log:
     more_inputs: tuple[str, ...] = ()
     more_references: tuple[str, ...] = ()
     rest: int = 0
+    withheld: int = 0
 
     def __post_init__(self) -> None:
         optional = {"time": vector, "reference": vector, "begin": finite, "end": finite, "irregular": truth}
@@ -110,7 +113,8 @@ class Log:
             )
         object.__setattr__(self, "path", Path(file_path("path", self.path)))
         keep(self, "earlier", whole, 0, 2**62)
-        keep(self, "rest", whole, 0, self.input.size)
+        for name in ("rest", "withheld"):
+            keep(self, name, whole, 0, self.input.size)
         keep(self, "input_hold", one_of, ("zoh", "foh"))
 
     def __len__(self) -> int:
@@ -123,6 +127,11 @@ class Log:
         others = f", beside {', '.join(rest)}" if rest else ""
         name = " ".join(filter(None, ("Log", self.path.name)))
         return f"<{name}: {signals}, {len(self):,} samples, {clock}dt {self.dt:g} s{others}>"
+
+    @property
+    def added(self) -> int:
+        """Number of samples without an output that `from_rest` and `leave_out` have made."""
+        return self.rest + self.withheld
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -251,9 +260,9 @@ def unused(others: Mapping[str, NDArray[np.float64]], *used: tuple[str, ...]) ->
     return {name: signal for name, signal in others.items() if not any(name in names for names in used)}
 
 
-def without_rest(rejected: Mapping[str, int], reason: str, rest: int) -> dict[str, int]:
-    """Return counts of rejected samples without the ``rest`` samples of `from_rest`, which count under ``reason``."""
-    return {name: max(0, count - rest) if name == reason else count for name, count in rejected.items()}
+def without_added(rejected: Mapping[str, int], reason: str, added: int) -> dict[str, int]:
+    """Return counts of rejected samples without those of `from_rest` and `leave_out`, which count under ``reason``."""
+    return {name: max(0, count - added) if name == reason else count for name, count in rejected.items()}
 
 
 def check_one_reference(count: int) -> None:

@@ -221,7 +221,7 @@ def command_line(words: tuple[str, ...], saved: str = "model.json") -> str:
 def program(path: Path, setup: Setup, wish: Wish, saved: str = "model.json") -> str:
     """Return the Python program that makes the same model to the bit, by the steps of the command."""
     is_cut = any(getattr(setup, name) for name in STRETCHES)
-    lines = ["import dataclasses", "import sys", "", *(["import numpy as np", ""] if is_cut else [])]
+    lines = ["import dataclasses", "import sys", ""]
     lines += [
         "import replant as rp",
         "from replant.fitting.log_inspection import with_others",
@@ -240,7 +240,7 @@ def program(path: Path, setup: Setup, wish: Wish, saved: str = "model.json") -> 
         elif given is not None and given is not False:
             number = float(f"{given:.12g}") if isinstance(given, float) else given
             lines.append(f"log = rp.{name}(log, {number!r})")
-    lines += _cut(setup) if is_cut else []
+    lines += [_cut(setup)] if is_cut else []
     return "\n".join([*lines, f"model = {_model(wish)}", f"model.save({saved!r})", "print(model)"]) + "\n"
 
 
@@ -252,26 +252,10 @@ def _columns(setup: Setup) -> str:
     return ", ".join([*named, *([f"time={setup.time!r}"] if setup.time else [])])
 
 
-def _cut(setup: Setup) -> list[str]:
-    """Return the lines that remove outputs left out, and end the log after the last one used; inputs remain."""
-    used = " | ".join(map(_within, setup.use))
-    return [
-        "t = log.dt * np.arange(len(log)) if log.time is None else log.time - log.time[0]",
-        f"used = {used or 'np.ones(len(log), bool)'}",
-        *(f"used &= ~{_within(stretch)}" for stretch in (*setup.leave_out, *setup.validate_on)),
-        "end = int(np.flatnonzero(used)[-1]) + 1",
-        "log = dataclasses.replace(",
-        "    log, input=log.input[:end], output=np.where(used, log.output, np.nan)[:end],",
-        "    time=None if log.time is None else log.time[:end],",
-        "    reference=None if log.reference is None else log.reference[:end],",
-        "    others={name: each[:end] for name, each in log.others.items()},",
-        ")",
-    ]
-
-
-def _within(stretch: Stretch) -> str:
-    begin, end = stretch.written.split(":")
-    return f"(t >= {begin})" if not end else f"((t >= {begin}) & (t < {end}))"
+def _cut(setup: Setup) -> str:
+    """Return the line that leaves out outputs."""
+    left_out, use = ([tuple(each) for each in given] for given in (setup.leave_out + setup.validate_on, setup.use))
+    return f"log = rp.leave_out(log, {left_out!r}{f', use={use!r}' if use else ''})"
 
 
 def _model(wish: Wish) -> str:

@@ -16,7 +16,7 @@ from replant.estimation.filters import StateVariableFilter
 from replant.estimation.settings import Settings
 from replant.fitting.fit_result import FitResult
 from replant.fitting.model import Model, in_lines, with_picture
-from replant.logs.log import without_rest
+from replant.logs.log import without_added
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import screen
 from replant.model.structure import Structure
@@ -271,9 +271,9 @@ class Result:
     weights: tuple[tuple[Structure, float], ...] = ()
     leads: tuple[Lead, ...] = ()
 
-    def without_rest(self, rest: int) -> Result:
-        """Return the result with counts that do not include the ``rest`` samples added by `from_rest`."""
-        samples, rejected = self.samples - rest, without_rest(self.rejected, "no output", rest)
+    def without_added(self, added: int) -> Result:
+        """Return the result with counts that do not include the samples without output that `Log.added` counts."""
+        samples, rejected = self.samples - added, without_added(self.rejected, "no output", added)
         made = replace(self.model.provenance, samples=samples)
         model = replace(self.model, rejected=tuple(rejected.items()), provenance=made)
         return replace(self, model=model, samples=samples, rejected=rejected)

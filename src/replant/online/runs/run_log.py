@@ -24,7 +24,7 @@ from replant.fitting.model import reference_of
 from replant.fitting.other_causes import judged_further
 from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
-from replant.logs.log import Log, without_rest
+from replant.logs.log import Log, without_added
 from replant.model.interop import in_our_words
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
@@ -140,7 +140,7 @@ def run(
     stamps = None if given.t is None else increasing(given.t, u.size)
     r = None if given.reference is None else reference_of(given.reference, u.size)
     result = run_online(request, u, y, reference=r, t=stamps, structures=structures)
-    result = result.without_rest(given.rest)
+    result = result.without_added(given.added)
     return replace(result, model=result.model.of_log(given.input_name, given.output_name, given.source, given.sha256))
 
 
@@ -186,8 +186,8 @@ def run_row(
     found = ident.fit_of_newest(others)
     newest = ident.model if found is None else found.model
     model = newest.of_log(names, given.output_name, given.source, given.sha256)
-    rejected = without_rest(dict(model.rejected), "no output", given.rest)
-    made = replace(model.provenance, samples=model.provenance.samples - given.rest)
+    rejected = without_added(dict(model.rejected), "no output", given.added)
+    made = replace(model.provenance, samples=model.provenance.samples - given.added)
     model = replace(model, rejected=tuple(rejected.items()), provenance=made)
     none, missing = np.zeros(0, np.int64), np.flatnonzero(~np.isfinite(y))
     began, *loads = (int(taken[each]) for each in ident.begins)
