@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.fitting.other_causes import SWAPPED
 from replant.numerics.robust import far_out
 from replant.online.runs.result import Result
 from replant.online.runs.run_log import judged_by_log
@@ -100,3 +101,22 @@ def test_what_is_far_out_lies_beyond_the_range_by_its_width() -> None:
     assert np.flatnonzero(found).tolist() == [42, 43]
     assert (low, high) == pytest.approx((-1.0, 1.0), abs=0.2)
     assert not far_out(np.where(np.arange(100) == 50, 1.0, 0.0))[0].any()  # a single pulse has no others
+
+
+@every("seed", range(4))
+def test_exchanged_columns_are_said_to_be_and_a_loop_is_not(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 60), 25)
+    y = rp.TransferFunction([1.5], [1.0, 0.5]).simulate(u, 0.1) + 0.05 * rng.standard_normal(1500)
+    swapped = rp.fit(y, u, 0.1, poles=1).verdict
+    assert (swapped.status != "trusted", swapped.reasons[0]) == (True, SWAPPED)
+    assert SWAPPED not in rp.fit(u, y, 0.1, poles=1).verdict.reasons
+    x, moved, load = 0.0, np.zeros(1500), np.cumsum(0.1 * rng.standard_normal(1500))
+    measured = np.zeros(1500)
+    for k in range(1500):
+        x = 0.95 * x + 0.15 * (moved[k - 1] if k else 0.0)
+        measured[k] = x + load[k]
+        moved[k] = -0.8 * measured[k]
+    found = rp.fit(moved, measured, 0.1, poles=1).verdict
+    assert SWAPPED not in found.reasons
+    assert sum("the loop is closed" in reason for reason in found.reasons) <= 1

@@ -368,6 +368,10 @@ PAIRS: dict[str, Pair] = {
         lambda: beside(lambda x, y: x),
         lambda: beside(lambda x, y: np.append(0.0, y[:-1])),
     ),
+    "are input and output swapped?": (
+        lambda: fit(out(U) + 0.05 * noise(5), U),
+        lambda: fit(U, noise(5)),
+    ),
     "the model explains almost nothing of the output": (
         lambda: run(U, noise(5)),
         lambda: run(U, out(U, part=1.5)),

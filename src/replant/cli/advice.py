@@ -180,6 +180,11 @@ def _column(situation: Situation) -> NextStep:
     return NextStep(words, again("input", "reference", "delay", input=name))
 
 
+def _swap(situation: Situation) -> NextStep:
+    names = {"input": situation.log.output_name, "output": situation.log.input_name}
+    return NextStep("exchange input and output", again(**names))
+
+
 def _reference(situation: Situation) -> NextStep:
     if situation.poles > 1 and "unstable" in situation.reason:
         return _fewer(situation)
@@ -203,6 +208,7 @@ _default = _repeat("use the default method", "optimizer", "method", "startup")
 
 #: Patterns of reasons, each with the next step; the first match counts.
 STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
+    (r"are input and output swapped", _swap),
     (r"far from its others", _repeat("make these cells of the input empty, and repeat")),
     (
         r"held from report to report",

@@ -36,6 +36,7 @@ from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.model_fields import has_rest
 from replant.fitting.structure_evidence import Evidence, with_fewer_poles
+from replant.logs.column_roles import seem_swapped
 from replant.logs.conditioning import outputs_from_rest
 from replant.model.structure import Structure
 from replant.model.uncertainty import Uncertainty, dc_gain_slope
@@ -58,6 +59,9 @@ LEVEL = 0.05  # chance of a false alarm if the record begins at rest [probabilit
 SHARE = 0.5  # least share of the information on the gain that the initial state takes, for a test [part]
 
 
+SWAPPED = "the input follows the output, and the output does not follow the input: are input and output swapped?"
+
+
 class Supposed(NamedTuple):
     """A record without a possible cause, and the record as it was given, with the same outputs."""
 
@@ -77,6 +81,8 @@ def judged_further(
         verdict = with_fewer_poles(verdict, structure, parameters, record)
         verdict = with_other_cause(verdict, structure, parameters, record, zero)
     verdict = with_other_columns(verdict, columns)
+    if verdict.status != "trusted" and record.r is None and seem_swapped(record.u, record.y):
+        return replace(verdict, reasons=(SWAPPED, *verdict.reasons))
     if covariance is None or verdict.status not in ("trusted", "converging"):
         return verdict
     gain = gain_from_rest(structure, parameters, covariance, record, trusted=verdict.status == "trusted")

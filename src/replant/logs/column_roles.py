@@ -19,7 +19,7 @@ from itertools import product
 
 import numpy as np
 
-from replant.logs.columns import Column
+from replant.logs.columns import Column, describe
 from replant.numerics.arguments import FloatArray
 
 MOST_SAMPLES = 1 << 16  # samples used for the measures [samples]
@@ -258,6 +258,20 @@ def find_roles(columns: list[Column], values: dict[int, FloatArray], given: dict
         back > FEEDBACK and back > ANSWERS * there,
         free and abs(_score(signals[u], signals[y], forces) - _score(signals[y], signals[u], forces)) < CLOSE,
     )
+
+
+def seem_swapped(u: FloatArray, y: FloatArray) -> bool:
+    """Return whether ``y`` (K,) acts on ``u`` (K,) and not ``u`` on ``y``, as if output and input were exchanged.
+
+    A controller is no cause of this: under it the input acts on the output, too.  The evidence must outweigh a name, as
+    the roles were stated.
+    """
+    heads = u[:MOST_SAMPLES], y[:MOST_SAMPLES]
+    forces = _Forces(dict(enumerate(map(prepared, heads))))
+    a, b = (describe(number, "", head) for number, head in enumerate(heads))
+    there, back = forces.of(0, 1), forces.of(1, 0)
+    one_sided = back > FEEDBACK and there <= ANSWERS * back
+    return one_sided and _score(b, a, forces) - _score(a, b, forces) > BY_NAME
 
 
 class _Forces:

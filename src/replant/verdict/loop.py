@@ -152,6 +152,12 @@ class Loop:
     is_direct: bool = False  # whether a direct path, or the recording, causes the answer at once, and no controller
 
     @property
+    def colour(self) -> str:
+        """What a poor model may be due to in a loop without a reference, unless a finding has said it; else empty."""
+        is_said = any(found.reason == COLOURED for found in self.findings)
+        return f": {COLOURED}" if self.feedback.found and not is_said else ""
+
+    @property
     def is_closed(self) -> bool:
         """Whether a controller moves the input: it answers the residual, or a reference explains it."""
         return self.feedback.found or self.reference is not None

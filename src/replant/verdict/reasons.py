@@ -57,7 +57,7 @@ from replant.verdict.input_faults import (
     rhythm_findings,
     surest_of,
 )
-from replant.verdict.loop import COLOURED, Loop, Reference
+from replant.verdict.loop import Loop, Reference
 from replant.verdict.plant_faults import plant_findings
 from replant.verdict.sensor_and_excitation import LOADS_ACT, LOADS_MAY_ACT
 from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, duration, percent
@@ -269,7 +269,9 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
     figure = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
     reason = f"{run}, the model explains almost nothing of the output (fit {figure})"
     if evidence.record.r is None:
-        reason += f": {COLOURED}" if loop.feedback.found else ": if a controller moves the input, give its reference"
+        reason += loop.colour or (
+            "" if loop.feedback.found else ": if a controller moves the input, give its reference"
+        )
     return [Finding("inconsistent", reason)]
 
 
@@ -296,7 +298,7 @@ def _unexplained(acting: Acting, figures: Figures) -> list[Finding]:
     if not part.is_sure:
         return [Finding("converging", f"{reason}, {ALLOWED}")]
     if loop.feedback.found and loop.reference is None:
-        return [Finding("inconsistent", f"{reason}: {COLOURED}")]
+        return [Finding("inconsistent", f"{reason}{loop.colour}")]
     biased = "" if acting.evidence.instruments else "noise, which biases an estimate without instruments, "
     causes = f"{biased}too few poles or zeros, a wrong dead time, or a plant that changes or is nonlinear"
     return [Finding("inconsistent", f"{reason}, unexplained by the model: {causes}")]
