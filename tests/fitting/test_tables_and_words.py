@@ -49,6 +49,40 @@ def test_a_table_is_fitted_by_the_names_of_its_columns(table: pd.DataFrame, more
     assert (fitted.model.input_name, fitted.model.output_name, list(fitted.others)) == ("u", "y", ["pump"])
 
 
+@pytest.mark.parametrize(
+    "t",
+    [
+        DT * np.arange(600),
+        STAMPS,
+        STAMPS.to_numpy(),
+        pd.Series(STAMPS.tz_localize("Europe/Berlin")),
+        pd.to_timedelta(DT * np.arange(600), unit="s"),
+        [datetime.datetime(2026, 1, 1) + k * datetime.timedelta(milliseconds=100) for k in range(600)],
+    ],
+    ids=["seconds", "index", "datetime64", "zone", "timedelta", "datetime"],
+)
+def test_arrays_with_stamps_need_no_sampling_time(t: Any) -> None:
+    for method in ("auto", "least_squares"):  # the latter takes a regular clock only
+        wanted = rp.fit(U, Y, DT, poles=1, method=method).parameters
+        np.testing.assert_allclose(rp.fit(U, Y, t=t, poles=1, method=method).parameters, wanted, rtol=1e-9)
+    np.testing.assert_allclose(rp.fit(U, Y, DT, t=t, poles=1).parameters, WANTED, rtol=1e-6)
+    validated = rp.fit(U, Y, DT, poles=1).model.validate(U, Y, t=t)
+    assert validated.fit == pytest.approx(rp.fit(U, Y, DT, poles=1).model.validate(U, Y).fit, abs=1e-6)
+
+
+def test_the_sampling_time_of_stamps_with_holes_is_their_usual_interval() -> None:
+    kept = np.arange(600) % 7 != 3
+    t = (DT * np.arange(600))[kept]
+    found, wanted = rp.fit(U[kept], Y[kept], t=t, poles=1), rp.fit(U[kept], Y[kept], DT, t=t, poles=1)
+    assert found.dt == DT
+    np.testing.assert_allclose(found.parameters, wanted.parameters, rtol=1e-9)
+    assert rp.run(U[kept], Y[kept], t=t, poles=1).settings.dt == DT
+    with pytest.raises(rp.InvalidArgumentError, match="one stamp for each of 600 samples, got 599"):
+        rp.fit(U, Y, t=DT * np.arange(599), poles=1)
+    with pytest.raises(rp.InvalidArgumentError, match="t needs two stamps or more for a sampling time"):
+        rp.fit(U[:1], Y[:1], t=[0.0], poles=1)
+
+
 def test_columns_may_have_labels_that_are_no_words_and_one_label_may_stand_twice() -> None:
     numbered = TABLE[["t", "u", "y"]].set_axis([2, 0, 1], axis=1)
     fitted = rp.fit(numbered, input=0, output=1, t=2, poles=1)

@@ -90,7 +90,7 @@ def fit(
     y : (K,) array
         Output; samples that are not finite are left out.  Or (K, p) of p outputs.
     dt : float
-        Sampling time in s.
+        Sampling time in s; without it, the usual interval of ``t``.
     structure : Structure
         Or ``poles``, ``zeros`` and ``delay`` in its place.
     poles, zeros : int or tuple of int
@@ -108,7 +108,7 @@ def fit(
         Input map and working point, by default the means of a log, and 0 for arrays.  "srivc" estimates the offset of
         the output in any case.
     t : (K,) array, optional
-        Time stamps in s, strictly increasing, of an irregular clock; for "srivc".
+        Time stamps in s, or dates, strictly increasing, of an irregular clock; for "srivc".
     reference : (K,) array, optional
         If a controller makes the input: the set-point or a dither, any external signal that is independent of the
         disturbances; for "srivc".  The unit does not matter.  A sample whose reference is not finite is left out.  Or

@@ -16,6 +16,7 @@ from replant.estimation.simulation.fitted_run import FittedRun
 from replant.fitting.model import reference_of
 from replant.logs.log import Log, unused, without_added
 from replant.logs.read import in_python, log_of_frame
+from replant.logs.sampling_time import clock_of
 from replant.model.interop import unit_of, without_unit
 from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
 from replant.model.structure import Structure
@@ -87,8 +88,12 @@ class Samples:
                 u.input_hold, u.sha256, u.others, reference_name=u.reference_name, more_inputs=u.more_inputs,
                 more_references=u.more_references, rest=u.rest, added=u.added,
             )  # fmt: skip
-        if y is None or dt is None:
-            raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
+        if y is None or (dt is None and t is None):
+            raise ArgumentTypeError(
+                "give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2), or stamps: t=..."
+            )
+        if dt is None:
+            dt, t = _clock_of(t, np.size(y))
         return cls(u, y, dt, t, reference)
 
     @classmethod
@@ -174,6 +179,15 @@ class Samples:
             )
         raw = RawRecord(structure, dt, preprocess.resolve(u, y), u, y, stamps, input_hold, self.begins)
         return raw, r, rejected
+
+
+def _clock_of(t: Any, samples: int) -> tuple[float, FloatArray | None]:
+    """Return the sampling time of stamps, and those of an irregular clock, as a log has them."""
+    stamps = increasing(t, samples)
+    if samples < 2:
+        raise InvalidArgumentError("t needs two stamps or more for a sampling time: record more, or give dt")
+    dt, is_regular = clock_of(stamps)
+    return dt, None if is_regular else stamps
 
 
 def _check_alike(logs: list[Log]) -> None:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
 from replant.logs.sampling_time import named_time_columns, time_candidates
 from replant.logs.table import Table, listed, nth_row
 from replant.numerics.arguments import FloatArray
+from replant.numerics.time_stamps import array_of, is_dated, seconds_of
 
 NAME = Path("the table")  # in messages
 
@@ -31,14 +30,14 @@ class Frame:
         names = [".".join(str(part) for part in label if part != "") for label in parts]
         by_place = getattr(frame, "iloc", None)  # pandas: two columns may have the same label
         columns = [frame[label] if by_place is None else by_place[:, k] for k, label in enumerate(self._labels)]
-        self.values = [_array(column) for column in columns]
+        self.values = [array_of(column) for column in columns]
         self.names, index = names, getattr(frame, "index", None)
         if index is not None and hasattr(index, "name"):  # in other libraries `index` is a method
-            name, values = str(index.name or ""), _array(index)
+            name, values = str(index.name or ""), array_of(index)
             # an index of whole numbers counts rows unless it has a name of time
-            if _is_dated(values) or time_candidates([name]) or (name and values.dtype.kind == "f"):
+            if is_dated(values) or time_candidates([name]) or (name and values.dtype.kind == "f"):
                 names, self.values = [*names, name or "index"], [*self.values, values]
-        dated = frozenset(number for number, each in enumerate(self.values) if _is_dated(each))
+        dated = frozenset(number for number, each in enumerate(self.values) if is_dated(each))
         self.table = Table(NAME, tuple(names), lambda keys: iter([[self._numbers(k) for k in keys]]), in_seconds=dated)
 
     def find(self, role: str, key: Any) -> Any:
@@ -79,7 +78,7 @@ class Frame:
 
     def _numbers(self, number: int) -> FloatArray:
         try:
-            return _seconds(self.values[number])
+            return seconds_of(self.values[number])
         except (TypeError, ValueError, OverflowError):
             row, cell = _first_unreadable(self.values[number])
             where = f"{NAME}: {nth_row(row)}, column {shown(self.table.names[number])}"
@@ -96,28 +95,3 @@ def _first_unreadable(values: Any) -> tuple[int, Any]:
         except (TypeError, ValueError, OverflowError, AttributeError):
             return row, cell
     return 0, values  # a time beyond NumPy's range
-
-
-def _array(column: Any) -> Any:
-    """Return a column or an index as an array; times with a zone are in UTC, and pandas' NA is NaN."""
-    has_zone = getattr(getattr(column, "dtype", None), "tz", None) is not None
-    values = np.asarray(column, "datetime64[ns]" if has_zone else None)
-    return np.where(column.isna(), np.nan, values) if values.dtype.kind == "O" and hasattr(column, "isna") else values
-
-
-def _is_dated(values: Any) -> bool:
-    """Return whether values are times; NumPy may hold times with a zone as objects."""
-    return values.dtype.kind in "mM" or (
-        values.dtype.kind == "O" and len(values) > 0 and all(hasattr(each, "timestamp") for each in values)
-    )
-
-
-def _seconds(values: Any) -> FloatArray:
-    """Return numbers as float64, and times as seconds since the first one."""
-    if values.ndim != 1 or values.dtype.kind == "c":
-        raise TypeError
-    if _is_dated(values):
-        if values.dtype.kind == "O":
-            values = np.array([round(1e9 * each.timestamp()) for each in values], "datetime64[ns]")
-        return np.asarray((values - values[:1]) / np.timedelta64(1, "s"), np.float64)
-    return np.asarray(values, np.float64)

@@ -15,7 +15,7 @@ from replant.logs.table import Table, forget
 from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray, number
 from replant.numerics.limits import duration
-from replant.numerics.time_stamps import TOLERANCE, StampResolution, is_regular_interval
+from replant.numerics.time_stamps import TOLERANCE, StampResolution, is_regular, is_regular_interval
 
 MOSTLY = 0.95  # part of the steps of a column that must be those of a time [part]
 CHECKED = 1 << 18  # stamps from which the median interval is computed [samples]
@@ -122,11 +122,22 @@ def interval_of(table: Table, number: int, stamps: FloatArray) -> tuple[float, s
     allowed = TOLERANCE * median + (digits if digits < 0.25 * median else 0.0)
     allowed *= 1.001  # the sum of both is often met exactly
     row, step = _first_beyond(stamps, median, allowed if deviation > allowed else TOLERANCE * median)
-    # rounded to the resolution of float64 at the largest stamp
-    noise = 2.0 * math.ulp(max(abs(float(stamps[0])), abs(float(stamps[-1]))))
-    interval = _rounded(median if noise > FINE * median else round(median, math.floor(-math.log10(noise))))
+    interval = _without_noise(median, stamps)
     irregularity = f": irregular time stamps, {step:.6g} after the one before instead of the usual {interval:.6g}"
     return interval, str(table.error(number, irregularity, row))
+
+
+def clock_of(stamps: FloatArray) -> tuple[float, bool]:
+    """Return the interval of two or more increasing stamps (K,) as `interval_of`, and whether the clock is regular."""
+    if is_regular(stamps):
+        return _rounded(float(stamps[-1] - stamps[0]) / (stamps.size - 1)), True
+    return _without_noise(float(np.median(np.diff(stamps))), stamps), False
+
+
+def _without_noise(median: float, stamps: FloatArray) -> float:
+    """Return the median interval rounded to the resolution of float64 at the largest of the stamps (K,)."""
+    noise = 2.0 * math.ulp(max(abs(float(stamps[0])), abs(float(stamps[-1]))))
+    return _rounded(median if noise > FINE * median else round(median, math.floor(-math.log10(noise))))
 
 
 def _parts(stamps: FloatArray) -> Iterator[tuple[int, FloatArray]]:

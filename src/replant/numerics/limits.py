@@ -10,6 +10,7 @@ import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.numerics.arguments import FloatArray, iterable, not_negative, positive, vector, whole
+from replant.numerics.time_stamps import without_dates
 
 MOST_TRIED = 1000  # most values of a grid, as each is tried [count]
 
@@ -41,8 +42,11 @@ def stamps_of(t: Any, samples: int) -> FloatArray:
 
 
 def increasing(t: Any, samples: int) -> FloatArray:
-    """Return time stamps as a vector (K,), finite and strictly increasing, one for each of K ``samples``."""
-    stamps = stamps_of(t, samples)
+    """Return time stamps as a vector (K,), finite and strictly increasing, one for each of K ``samples``.
+
+    Dates become seconds since the first one.
+    """
+    stamps = stamps_of(without_dates(t), samples)
     wrong = ~np.isfinite(stamps)
     wrong[1:] |= ~(stamps[1:] > stamps[:-1])
     if wrong.any():

@@ -1,8 +1,9 @@
-"""Test whether an array of time stamps has a regular clock, apart from jitter and rounding."""
+"""Time stamps: whether their clock is regular, apart from jitter and rounding; and dates as seconds."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,3 +73,37 @@ class StampResolution:
     def _has_decimals(self) -> bool:
         """Whether the number of decimals can be found: beyond the digits of float64 every scaled number is whole."""
         return self._decimals < 16 and self._error <= 0.01
+
+
+def array_of(column: Any) -> Any:
+    """Return a column or an index as an array; times with a zone are in UTC, and pandas' NA is NaN."""
+    has_zone = getattr(getattr(column, "dtype", None), "tz", None) is not None
+    values = np.asarray(column, "datetime64[ns]" if has_zone else None)
+    return np.where(column.isna(), np.nan, values) if values.dtype.kind == "O" and hasattr(column, "isna") else values
+
+
+def is_dated(values: Any) -> bool:
+    """Return whether values are times; NumPy may hold times with a zone as objects."""
+    return values.dtype.kind in "mM" or (
+        values.dtype.kind == "O" and len(values) > 0 and all(hasattr(each, "timestamp") for each in values)
+    )
+
+
+def seconds_of(values: Any) -> NDArray[np.float64]:
+    """Return numbers as float64, and times as seconds since the first one."""
+    if values.ndim != 1 or values.dtype.kind == "c":
+        raise TypeError
+    if is_dated(values):
+        if values.dtype.kind == "O":
+            values = np.array([round(1e9 * each.timestamp()) for each in values], "datetime64[ns]")
+        return np.asarray((values - values[:1]) / np.timedelta64(1, "s"), np.float64)
+    return np.asarray(values, np.float64)
+
+
+def without_dates(t: Any) -> Any:
+    """Return times of NumPy, pandas or polars as seconds since the first one; anything else as it is."""
+    try:
+        values = array_of(t)
+    except ValueError:  # rows of different lengths
+        return t
+    return seconds_of(values) if values.ndim == 1 and is_dated(values) else t

@@ -85,7 +85,7 @@ def run(
     y : (K,) array
         Output, or (K, p) for p outputs, each identified separately.
     dt : float
-        Sampling time in s.
+        Sampling time in s; without it, the usual interval of ``t``.
     structure : Structure or list of Structure
         Alternatively give ``poles``, ``zeros`` and ``delay``.  Two to ten structures learn side by side; the result is
         that of the most probable trusted one, see `Identifier`.
@@ -99,7 +99,7 @@ def run(
     preprocess : Preprocess
         Input map and working point, by default the record's mean.
     t : (K,) array, optional
-        Time stamps of an irregular clock in s, strictly increasing.
+        Time stamps of an irregular clock in s, or dates, strictly increasing.
     reference : (K,) array, optional
         Reference of a controller that makes the input, see `fit`.
     input, output : str, optional
