@@ -63,6 +63,23 @@ def test_json_is_one_object_and_failures_are_noted(
     assert "1 rig failed, bad.csv:" in errors
 
 
+def test_of_many_failures_the_most_frequent_reason_is_named(
+    capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "a.csv").write_text("t,v\n0,1\n")
+    for file in logs.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    named = f"the first: {tmp_path / 'rig0.csv'}: no column 'w'"
+    code, said, errors = call(capsys, tmp_path, "-i", "w", *COLUMNS[2:], "--out", tmp_path / "out")
+    assert (code, said) == (2, "")
+    assert f"none of 4 rigs could be identified; 3 of them for one reason, {named}" in errors
+    (tmp_path / "z.csv").write_text("")
+    (tmp_path / "b.csv").write_text("")
+    code, _, errors = call(capsys, tmp_path, *COLUMNS, "--out", tmp_path / "out")
+    assert code == 0
+    assert f"3 rigs failed, 2 of them for one reason, the first of them b.csv: {tmp_path / 'b.csv'}: " in errors
+
+
 def test_the_options_of_run_and_fit_are_taken(capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path) -> None:
     options = ("--by", "file", *COLUMNS, "--zeros", "1", "--bias", "--from", "1", "--to", "25", "--time", "t")
     code, _, _ = call(capsys, logs, *options, "--out", tmp_path / "out")

@@ -334,6 +334,17 @@ def test_an_odd_rig_leads_to_its_row_and_its_reason_is_read_on_a_telephone(brows
     assert why["x"] + why["width"] <= 400.0
 
 
+def test_one_odd_rig_is_counted_as_one_and_failed_rigs_are_not_called_odd(tmp_path: Path) -> None:
+    rows = [*fleet(0, 40), row("slow", 2.0, 6.0, 0.4, SURE, np.random.default_rng(0)), failed("broken", "it is empty")]
+    text = write_page(saved(tmp_path / "now", rows)).read_text(encoding="utf-8")
+    odd, _, rest = text[text.index("Odd rigs") :].partition("Failed rigs")
+    assert "1 rig is odd: it is farther from the fleet than chance explains" in odd
+    assert "broken" not in odd
+    assert "<b>broken</b><span>it is empty</span>" in rest
+    without = write_page(saved(tmp_path / "all", rows[:-1])).read_text(encoding="utf-8")
+    assert "Failed rigs" not in without
+
+
 def test_the_page_of_a_fleet_without_a_trusted_rig_is_written(tmp_path: Path) -> None:
     page = write_page(saved(tmp_path / "now", [failed("a", "no")]))
     assert "Too few rigs are trusted" in page.read_text(encoding="utf-8")

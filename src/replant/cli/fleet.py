@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 
@@ -92,9 +93,27 @@ def fleet_command(method: str, on: str | None, compare: Path | None, out: Path, 
     if key_before and found.job is not None and key_before != found.job.key:
         note(f"{out}: held the results of other options, which these replace; name another folder (--out) to keep both")
     if set(found.verdicts) == {FAILED}:
-        first = found.table().column("reasons")[0].as_py()
-        raise LogError(f"none of {len(found)} rigs could be identified; the first: {_plain(first)}")
+        usual = _usual_failure(found)
+        raise LogError(f"none of {len(found)} rigs could be identified; {usual.counted}the first: {usual.reason}")
     _show(found, page, as_json=options["as_json"])
+
+
+class _Failure(NamedTuple):
+    """The first of the rigs that failed for the most frequent reason."""
+
+    rig: str
+    reason: str
+    counted: str  # how many failed for it, with a comma; empty if all did, or each for a reason of its own
+
+
+def _usual_failure(found: Fleet) -> _Failure:
+    rows = [row for row in found.table().to_pylist() if row["verdict"] == FAILED]
+    # a reason names its rig's file
+    reasons = [row["reasons"].replace(row["source"], "") for row in rows]
+    reason, count = Counter(reasons).most_common(1)[0]
+    first = rows[reasons.index(reason)]
+    counted = f"{count:,} of them for one reason, " if 1 < count < len(rows) else ""
+    return _Failure(_plain(first["rig"]), _plain(first["reasons"]), counted)
 
 
 def _plain(text: str) -> str:
@@ -121,7 +140,6 @@ def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
     for path in (found.folder / TABLE, found.folder / MODELS, page):
         click.echo(f"wrote {path}")
     if FAILED in verdicts:
-        row, count = table.column("verdict").to_pylist().index(FAILED), verdicts[FAILED]
-        rig, reason = names[row], table.column("reasons")[row].as_py()
-        first = "1 rig failed," if count == 1 else f"{count:,} rigs failed, the first of them"
-        note(_plain(f"{first} {rig}: {reason}"))
+        count, usual = verdicts[FAILED], _usual_failure(found)
+        first = "1 rig failed," if count == 1 else f"{count:,} rigs failed, {usual.counted}the first of them"
+        note(f"{first} {usual.rig}: {usual.reason}")

@@ -143,27 +143,36 @@ def _verdicts(counts: dict[str, int]) -> str:
 
 
 def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
-    """Return the section of odd rigs, and of those that failed."""
+    """Return the sections of odd rigs, and of those that failed."""
     rigs, verdicts, reasons = (table.column(name).to_pylist() for name in ("rig", "verdict", "reasons"))
     if not found.usual:
         note = "Too few rigs are trusted to determine what is usual."
     else:
+        count = int(found.odd.sum())
+        those = "1 rig is odd: it is farther from the fleet than chance explains, or its signals show why it is"
+        if count != 1:
+            those = (
+                f"{count:,} rigs are odd: they are farther from the fleet than chance explains, or their signals show "
+                "why they are"
+            )
         note = (
-            f"{int(found.odd.sum()):,} rigs are odd: they are farther from the fleet than chance explains, or their "
-            "signals show why they are not trusted. In a fleet without odd rigs, one is named by chance with a "
-            f"probability of {100.0 * CHANCE:g} %. The test accounts for the spread of the fleet and the uncertainty "
-            "of each rig, so that an uncertain rig is not odd."
+            f"{those} not trusted. In a fleet without odd rigs, one is named by chance with a probability of "
+            f"{100.0 * CHANCE:g} %. The test accounts for the spread of the fleet and the uncertainty of each rig, so "
+            "that an uncertain rig is not odd."
         )
-    rows = [row for row in found.order.tolist() if found.words[row] or verdicts[row] == FAILED][:MOST_LISTED]
-    ranks = {row: rank for rank, row in enumerate(found.order.tolist(), 1)}
-    said = ((_linked(fleet, rigs[row], ranks[row]), found.words[row] or f"failed: {reasons[row]}") for row in rows)
+    ranked = list(enumerate(found.order.tolist(), 1))
+    odd = [(_linked(fleet, rigs[row], rank), found.words[row]) for rank, row in ranked if found.words[row]]
+    failed = [(heading(rigs[row]), reasons[row]) for _, row in ranked if verdicts[row] == FAILED]
     usual = "; ".join(
         f"{words(quantity.label)} {number(middle)}{f' {quantity.unit}' if quantity.unit else ''}, "
         f"spread {100.0 * (ratio - 1.0):.2g}&nbsp;%"
         for quantity, middle, ratio in found.usual
     )
     told = f'<p class="note">Usual in this fleet: {usual}.</p>' if usual else ""
-    return section("Odd rigs", f'<p class="note">{words(note)}</p>{told}', _listed(said), anchor="odd")
+    shown = section("Odd rigs", f'<p class="note">{words(note)}</p>{told}', _listed(odd[:MOST_LISTED]), anchor="odd")
+    if failed:
+        shown += section("Failed rigs", _listed(failed[:MOST_LISTED]), anchor="failed")
+    return shown
 
 
 def _listed(rigs: Iterable[tuple[str, str]]) -> str:
