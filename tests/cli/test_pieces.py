@@ -12,7 +12,7 @@ from replant.cli.conditioning_options import band_of, stretch_of, words_of
 from replant.cli.fleet import _plain
 from replant.cli.live import address_of, demo_of, looped, time_of
 from replant.cli.messages import did_you_mean, is_given, to_ascii
-from replant.cli.option_types import Choice, optimizer_of, whole_numbers
+from replant.cli.option_types import Choice, optimizer_of, real, whole_numbers
 from replant.estimation.optimizers import OPTIMIZERS, AMSGrad
 from support.cases import every
 
@@ -22,6 +22,7 @@ READ = [
     (stretch_of, "12s:1.5min", (12.0, 90.0)),
     (stretch_of, "60:", (60.0, math.inf)),
     (time_of, "10min", 600.0),
+    (real, "1e-3", 0.001),
     (whole_numbers, "1:4", ((1, 2, 3, 4),)),
     (whole_numbers, "2,1:2", ((2,), (1, 2))),
     (optimizer_of, "amsgrad:step_size=0.001", AMSGrad(step_size=0.001)),

@@ -139,6 +139,15 @@ def test_mistakes_are_said_in_one_line(capsys: pytest.CaptureFixture[str], log: 
     assert "the full trace is a Parquet file; give it the suffix .parquet" in message
 
 
+@pytest.mark.parametrize("option", ["--dt", "--from", "--to", "--resample"])
+def test_a_comma_for_the_decimal_point_is_answered(capsys: pytest.CaptureFixture[str], log: Path, option: str) -> None:
+    with pytest.raises(SystemExit) as stop:
+        run(log, option, "0,1")
+    assert stop.value.code == 2
+    said = f"Invalid value for '{option}': '0,1' is no number; write one with a decimal point, such as 0.1\n"
+    assert capsys.readouterr().err.replace(f"for {option}:", f"for '{option}':").endswith(said)
+
+
 PEAK = """
 import sys
 from pathlib import Path

@@ -197,6 +197,25 @@ def test_what_takes_no_table_says_what_makes_a_log_of_it(call: Any) -> None:
     assert model.validate(rp.read_log(TABLE, input="u", output="y")).samples == 600
 
 
+def test_one_column_of_outputs_is_an_output_and_a_row_of_samples_is_turned() -> None:
+    np.testing.assert_array_equal(rp.fit(U, Y[:, None], DT, poles=1).parameters, rp.fit(U, Y, DT, poles=1).parameters)
+    for u, y, turned in ((U[None], Y[None], r"u\.T"), (U[None], Y, r"u\.T"), (U, Y[None], r"y\.T")):
+        with pytest.raises(rp.InvalidArgumentError, match=rf"got shape \(1, 600\); give the transpose, {turned}$"):
+            rp.fit(u, y, DT, poles=1)
+
+
+def test_a_file_without_names_of_columns_is_answered_with_how_to_read_it(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    TABLE.to_csv(path, index=False)
+    for named in ({}, {"input": "u", "output": "y"}):
+        for given in (path, str(path)):
+            with pytest.raises(rp.ArgumentTypeError, match=r"rp\.read_log\(path, input=\.\.\., output=\.\.\.\)$"):
+                rp.fit(given, poles=1, **named)
+    for named in ({}, {"input": "u"}):
+        with pytest.raises(rp.ArgumentTypeError, match=r"name columns of the log, .*; there are t, u, y, pump, note$"):
+            rp.read_log(path, **named)
+
+
 def test_an_irregular_clock_of_a_table_counts() -> None:
     late = TABLE.drop(index=range(100, 130))
     fitted = rp.fit(late, input="u", output="y", poles=1)

@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from replant.cli.messages import note
-from replant.cli.option_types import Choice, flag, group, parsed
+from replant.cli.option_types import Choice, flag, group, parsed, real
 from replant.errors import InvalidArgumentError
 from replant.logs.conditioning import STEPS, from_rest, leave_out
 from replant.logs.log import Log
@@ -122,7 +122,7 @@ condition_options = group(
     ),
     click.option(
         "--resample",
-        type=float,
+        type=real,
         metavar="S",
         help="Put the samples S seconds apart: the input's mean over each interval, the output interpolated.",
     ),

@@ -11,7 +11,7 @@ import click
 
 from replant.cli import run_fit_compare_options as shared
 from replant.cli.conditioning_options import seconds_of
-from replant.cli.option_types import Choice, column_option, flag, parsed, path_option, structure_options
+from replant.cli.option_types import Choice, column_option, flag, parsed, path_option, real, structure_options
 from replant.errors import InvalidArgumentError, needs
 from replant.estimation.settings import Request
 from replant.live.dashboard.server import PAGES_NEED
@@ -62,7 +62,7 @@ class SourceCommand(click.Command):
 @structure_options(
     "Number of poles, or of each input: 2,1.", "Number of zeros.  [default: 0]", "Dead time in s.  [default: 0]"
 )
-@click.option("--dt", type=float, metavar="S", help="Sampling time in s.")
+@click.option("--dt", type=real, metavar="S", help="Sampling time in s.")
 @shared.BIAS
 @shared.FEEDTHROUGH
 @shared.INPUT_MAP

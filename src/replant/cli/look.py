@@ -12,7 +12,7 @@ import click
 
 from replant.cli import results
 from replant.cli.messages import note, progress_bar, terminal
-from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
+from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option, real
 from replant.cli.run_fit_compare_options import begin, check_said, compare_options, read, request_of, structure_of
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.examples import NAMES, path_of
@@ -97,7 +97,7 @@ def show_command(model: Path, as_json: bool) -> None:
 @column_option("output", "Column of the output, or of each of several.  [default: the model's]", several=True)
 @column_option("reference", "Column of the reference, if there is one, or of each of several.", several=True)
 @click.option("--time", "time_column", metavar="COL", help="Column of time.")
-@click.option("--dt", type=float, metavar="S", help="Sampling time in s.  [default: the log's, or the model's]")
+@click.option("--dt", type=real, metavar="S", help="Sampling time in s.  [default: the log's, or the model's]")
 @flag("--json", "Print a JSON list, an object a log.", "as_json")
 @path_option("--out", "DIR", "Write a plot (PNG) a log here.")
 @results.REQUIRE

@@ -49,6 +49,10 @@ def parsed(read: Callable[[str], Any], wrong: str) -> Callable[[str], Any]:
     return convert
 
 
+#: The type of options of one real number.
+real = parsed(float, "is no number; write one with a decimal point, such as 0.1")
+
+
 def group(*options: Option) -> Option:
     """Return a decorator that adds options to a command, in this order."""
 

@@ -31,6 +31,7 @@ from replant.cli.option_types import (
     group,
     optimizer_of,
     path_option,
+    real,
     structure_options,
     typed,
 )
@@ -95,11 +96,11 @@ _REST = group(
         help="Column of time, in s or the unit in its name; it must increase.  "
         "[default: the column named t, time or timestamp]",
     ),
-    click.option("--dt", type=float, metavar="S", help="Sampling time in s of a regular clock, without a time column."),
+    click.option("--dt", type=real, metavar="S", help="Sampling time in s of a regular clock, without a time column."),
     click.option(
-        "--from", "begin", type=float, metavar="S", help="Leave out all samples before S, in s from the first sample."
+        "--from", "begin", type=real, metavar="S", help="Leave out all samples before S, in s from the first sample."
     ),
-    click.option("--to", "end", type=float, metavar="S", help="Leave out S and all samples after it."),
+    click.option("--to", "end", type=real, metavar="S", help="Leave out S and all samples after it."),
     BIAS,
     FEEDTHROUGH,
     INPUT_MAP,

@@ -66,6 +66,8 @@ class Samples:
         output: Any = None,
     ) -> Samples:
         """Return the samples of a log, given as ``u`` alone, or those of arrays, or of columns of a table."""
+        if isinstance(u, str) or hasattr(u, "__fspath__"):
+            raise ArgumentTypeError("give a Log in place of a file's name: rp.read_log(path, input=..., output=...)")
         if is_frame(u):
             if y is not None:
                 raise InvalidArgumentError("a table has its own output: name its column, output=..., and leave out y")

@@ -283,7 +283,15 @@ def samples_of_outputs(
         if len(names) < len(each):
             raise InvalidArgumentError(f"name each column once, got {', '.join(map(shown, output))}")
         return [without_outputs(one, names) for one in each]
-    if not (isinstance(y, np.ndarray) and y.ndim == 2 and y.shape[1] > 1):
+    for name, each in (("u", u), ("y", y)):
+        if isinstance(each, np.ndarray) and each.ndim == 2 and each.shape[0] < each.shape[1]:
+            raise InvalidArgumentError(
+                f"{name} has a row for each sample and a column for each signal, got shape {each.shape}; "
+                f"give the transpose, {name}.T"
+            )
+    if isinstance(y, np.ndarray) and y.ndim == 2 and y.shape[1] == 1:
+        y = y[:, 0]
+    if not (isinstance(y, np.ndarray) and y.ndim == 2):
         return [Samples.of(u, y, dt, t, reference, named, output)]
     each = [Samples.of(u, column, dt, t, reference, named, output) for column in outputs_of(y)]
     return [replace(one, output_name=f"y{number}") for number, one in enumerate(each, 1)]

@@ -53,8 +53,8 @@ def in_python(clock: str = "time") -> Iterator[None]:
 def read_log(
     path: str | os.PathLike[str] | Any,
     *,
-    input: str | int | Sequence[str | int],  # noqa: A002 - the field's word
-    output: str | int,
+    input: str | int | Sequence[str | int] | None = None,  # noqa: A002 - the field's word
+    output: str | int | None = None,
     time: str | int | None = None,
     dt: float | None = None,
     reference: str | int | Sequence[str | int] | None = None,
@@ -119,7 +119,11 @@ def read_log(
     with in_python():
         if is_frame(path):
             return log_of_frame(path, **columns)
-        log = _held(open_recording(file_path("path", path), **columns, most_held=sys.maxsize))
+        path = file_path("path", path)
+        if input is None or output is None:
+            there = f"there are {listed(read_columns(path).names)}"
+            raise ArgumentTypeError(f"name columns of the log, input=... and output=...; {there}")
+        log = _held(open_recording(path, **columns, most_held=sys.maxsize))
     return replace(log, sha256=digest(log.path))
 
 
