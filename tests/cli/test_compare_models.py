@@ -48,6 +48,12 @@ def test_json_holds_a_validation_of_each_by_name(capsys, log, saved) -> None:
     assert found["one"]["fit"]["simulated"] > 99.9 > found["half"]["fit"]["simulated"]
 
 
+def test_a_model_that_is_named_twice_is_compared_once_and_that_is_noted(capsys, log, saved) -> None:
+    code, out, err = call(capsys, "compare", saved[0], saved[2], saved[0], log, "--json")
+    assert (code, list(json.loads(out))) == (0, ["one", "half"])
+    assert err == f"replant: note: {saved[0]} is named 2 times, and compared once\n"
+
+
 @pytest.mark.slow
 def test_one_page_shows_all_of_them(capsys, log, saved, tmp_path) -> None:
     code, out, _ = call(capsys, "compare", *saved, log, "--out", tmp_path / "out")

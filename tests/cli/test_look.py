@@ -138,8 +138,9 @@ NAME_TWO = "name two columns of changing numbers with --input and --output."
         ("a,b\nx,1\ny,2\nx,3\n", (), NAME_TWO),
         ("t,u\n,\n,\n,\n", (), NAME_TWO),
         ("t,u,y\n0,1,2\n", ("-i", "u", "-o", "y"), "1 row of data, at least 2 are needed; record more samples."),
+        ("t,u,y\n0,1,2\n0.1,2,3\n", (), "2 rows of data, a first fit needs 4; record more samples."),
     ],
-    ids=["one column", "constant", "constant, named", "text beside numbers", "empty cells", "one row"],
+    ids=["one column", "constant", "constant, named", "text beside numbers", "empty cells", "one row", "two rows"],
 )
 def test_where_nothing_can_be_suggested_that_is_said(
     capsys, tmp_path: Path, text: str, options: tuple[str, ...], words: str

@@ -162,6 +162,9 @@ def _compare_models(options: dict[str, Any]) -> None:
         raise click.UsageError("name the log behind the models: replant compare MODEL.json MODEL2.json LOG")
     if options["poles"] is not None:
         raise click.UsageError("--poles does not apply to saved models: leave it out")
+    for twice in dict.fromkeys(each for each in saved if saved.count(each) > 1):
+        note(f"{twice} is named {saved.count(twice)} times, and compared once")
+    saved = list(dict.fromkeys(saved))
     stems = [each.stem for each in saved]
     models = {each.stem if stems.count(each.stem) == 1 else str(each): _of_one_input(each) for each in saved}
     out: Path | None = options["out"]

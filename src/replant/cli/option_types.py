@@ -259,7 +259,7 @@ def _look(given: dict[str, Any]) -> str:
         return f"and {problem}."
     print_findings(terminal(stderr=True), found)
     options = options_of(found)
-    if found.clock is not None and found.clock.shuffled:
+    if (found.clock is not None and found.clock.shuffled) or (not options and found.roles.input and found.roles.output):
         return f"{lacking(found)}."
     if not options:
         return "no two columns of numbers that change are in the log: name them if you know better."

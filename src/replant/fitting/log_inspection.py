@@ -255,7 +255,15 @@ def lacking(found: Inspection) -> str:
         return "sort the rows by time first"
     if found.roles.input is None or found.roles.output is None:
         return "name two columns of changing numbers with --input and --output"
+    least = Structure(_poles(found)).size + 1
+    if found.rows < least:
+        return f"{found.rows} rows of data, a first fit needs {least}; record more samples"
     return ""
+
+
+def _poles(found: Inspection) -> int:
+    """Return the number of poles of the first fit."""
+    return POLES if found.first is None else 1
 
 
 def options_of(found: Inspection) -> tuple[str, ...]:
@@ -263,8 +271,7 @@ def options_of(found: Inspection) -> tuple[str, ...]:
     u, y, r = found.roles.input, found.roles.output, found.roles.reference
     if u is None or y is None or lacking(found):
         return ()
-    poles = POLES if found.first is None else 1
-    words = ["-i", key_of(found.table, u.column), "-o", key_of(found.table, y.column), "-p", str(poles)]
+    words = ["-i", key_of(found.table, u.column), "-o", key_of(found.table, y.column), "-p", str(_poles(found))]
     if r is not None:
         words += ["--reference", key_of(found.table, r.column)]
     return (*words, *clock_options(found), *_delay_options(found))
