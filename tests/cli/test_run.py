@@ -139,6 +139,26 @@ def test_mistakes_are_said_in_one_line(capsys: pytest.CaptureFixture[str], log: 
     assert "the full trace is a Parquet file; give it the suffix .parquet" in message
 
 
+def test_a_start_up_that_is_longer_than_the_log_is_noted(capsys: pytest.CaptureFixture[str], log: Path) -> None:
+    said = "replant: note: --startup 100,000 is more than the log's "
+    run(log, "--startup", "100000")
+    assert capsys.readouterr().err.startswith(said)
+    run(log, "--startup", "500")
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_a_command_that_fails_leaves_no_folder_of_its_own(tmp_path: Path, kept: bool) -> None:
+    path, out = tmp_path / "still.csv", tmp_path / "new" / "out"
+    path.write_text("t,u,y\n" + "".join(f"{0.1 * k:.1f},1,{k % 7}\n" for k in range(100)))
+    if kept:
+        out.mkdir(parents=True)
+    with pytest.raises(SystemExit) as stop:
+        main(["fit", str(path), "-i", "u", "-o", "y", "-p", "2", "--method", "srivc", "--out", str(out)])
+    assert stop.value.code == 2
+    assert out.exists() == out.parent.exists() == kept
+
+
 @pytest.mark.parametrize("option", ["--dt", "--from", "--to", "--resample"])
 def test_a_comma_for_the_decimal_point_is_answered(capsys: pytest.CaptureFixture[str], log: Path, option: str) -> None:
     with pytest.raises(SystemExit) as stop:

@@ -8,7 +8,7 @@ import math
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -242,12 +242,24 @@ OF_FILES = (".csv", ".htm", ".html", ".json", ".pdf", ".png", ".svg", ".txt")
 
 
 def make_folder(out: Path | None) -> None:
-    """Make the folder for results; called before the computation, so that a mistake costs no time."""
+    """Make the folder for results, before the computation, so that a mistake costs no time.
+
+    It is removed if it is empty when the command ends.
+    """
     if out is None:
         return
     if out.exists() and not out.is_dir():
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     if out.suffix.lower() in OF_FILES and not out.exists():
         raise click.BadParameter(f"{out} is the name of a file; report.html comes into a folder", param_hint="--out")
+    made = [folder for folder in (out, *out.parents) if not folder.exists()]
+    click.get_current_context().call_on_close(lambda: _remove_empty(made))
     with write_errors_reported(out):
         out.mkdir(parents=True, exist_ok=True)
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Remove folders that are empty, the innermost first."""
+    with suppress(OSError):  # one has files, or was not made
+        for folder in folders:
+            folder.rmdir()

@@ -19,7 +19,7 @@ from replant.cli import results
 from replant.cli import run_fit_compare_options as shared
 from replant.cli.advice import OTHER_LOG, NextStep, again
 from replant.cli.conditioning_options import is_conditioned
-from replant.cli.messages import is_given, progress_bar, terminal
+from replant.cli.messages import is_given, note, progress_bar, terminal
 from replant.cli.option_types import STRUCTURE, Candidates, Choice, command_line, path_option
 from replant.errors import InvalidArgumentError
 from replant.estimation.simulation.fitted_run import FITTED
@@ -78,6 +78,7 @@ def run_command(startup: int | None, **options: Any) -> None:
             first = structures[0]
             options |= {"poles": ((first.poles,),), "zeros": ((first.zeros,),), "delay": ((first.delay,),)}
         recording = shared.recording_of(options, partial(progress, "checking"))
+        _note_startup(startup, recording.samples)
         request = shared.request_of(options, recording.dt)
         results.make_folder(to.out)
         newest = None if recording.held is not None else FITTED
@@ -101,6 +102,14 @@ def run_command(startup: int | None, **options: Any) -> None:
         if not to.as_json:
             click.echo(as_text.weights_in_words(result))
     results.deliver(to, result, log, more=more)
+
+
+def _note_startup(startup: int | None, samples: int) -> None:
+    """Note that a log ends before its start-up."""
+    if startup is not None and startup > samples:
+        note(
+            f"--startup {startup:,} is more than the log's {samples:,} samples: the model is made at its end, from all"
+        )
 
 
 def _side_by_side(options: dict[str, Any]) -> list[Structure]:
@@ -213,6 +222,7 @@ def _fitted(logs: list[Log], asked: dict[str, Candidates]) -> Solved:
 def _passed_over(logs: list[Log], asked: dict[str, Candidates], *, startup: int | None) -> Solved:
     """Return the row that one pass over a log makes, as `Identifier` does, solved as a whole at the end."""
     (log,), numbers = logs, shared.numbers_of(asked)
+    _note_startup(startup, len(log))
     with progress_bar(rate=True) as bar:
         task = bar.add_task("identifying", total=len(log))
         samples = Samples.of(log, None, None, None, None)
