@@ -7,14 +7,15 @@ import math
 import numpy as np
 
 from replant.kernels.schema import LAGUERRE
-from replant.numerics.arguments import FloatArray
-from replant.numerics.autoregression import Autoregression
+from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.autoregression import Autoregression, sums_of
 from replant.numerics.linear_algebra import combined, least_norm, products
 
 TAKEN_AWAY = 1e-9  # length of a column, something taken off, that is rounding: a million times it [part of it before]
 LEFT = 1e-6  # length left of a column below which it cannot be told from known ones: the root of rounding [part of it]
 WEAKEST = 1e-13  # eigenvalue of scaled sums of a direction that is not there: a hundred roundings [part of the largest]
 STRETCHES = 16  # of the record, whose scores tell their scatter: of two columns and more to a quarter [count]
+SHARES = 2  # times that the noise explained by a fit is computed, each with the noise model of before [count]
 WIDER = 4.0  # scatter of the scores beyond which it is no chance [standard deviations]
 
 
@@ -54,6 +55,27 @@ def amounts_of(columns: FloatArray, signal: FloatArray, weakest: float = WEAKEST
     """Return the amounts (P,) of columns (K, P), of any length, that explain most of a signal (K,)."""
     lengths = lengths_of(columns)
     return np.asarray(least_norm(columns / lengths, signal, weakest)[0] / lengths)
+
+
+def noise_of_fit(error: FloatArray, slopes: FloatArray, known: IntArray, samples: int) -> Autoregression:
+    r"""Return the noise model of the residual (K,) of a fit with slopes (K, T), see `Autoregression.of_residual`.
+
+    The fit explains some of the noise, most of slow noise: with its covariance M, :math:`E\, e e^T = \Gamma - \phi M
+    \phi^T`.  What it explains is added to the residual's sums of products, as in restricted likelihood.
+
+    Source: Patterson and Thompson (1971), "Recovery of inter-block information when block sizes are unequal",
+    Biometrika 58.
+    """
+    noise = Autoregression.of_residual(error, known, samples)
+    left, columns = noise.sums, slopes / lengths_of(slopes)
+    if not left.any():  # white, as the samples are few
+        return noise
+    for _ in range(SHARES):
+        white = noise.whiten_known(columns, known)
+        deviation = math.sqrt(noise.power / max(noise.count, 1.0))
+        explained = np.ascontiguousarray(combined(columns, deviation * orthogonal(products(white, white))).T)
+        noise = Autoregression.of_sums(left + sum(sums_of(each, known)[0] for each in explained), noise.count)
+    return noise
 
 
 def widening(columns: FloatArray, rest: FloatArray, variance: float, basis: FloatArray | None = None) -> float:
