@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, overload
 
 import numpy as np
@@ -212,6 +213,7 @@ def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples
     def refined(loads: tuple[int, ...], solution: Solution) -> FitResult:
         return _refined_result(with_loads(loads), given, solution, rejected, None)
 
+    @cache
     def solved(loads: tuple[int, ...]) -> Solution | None:
         return _solution(with_loads(loads), None)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +35,7 @@ def orthogonal(matrix: FloatArray) -> FloatArray:
         values, vectors = np.linalg.eigh(matrix)
     except np.linalg.LinAlgError:
         return np.zeros((len(matrix), 0))
-    kept = values > WEAKEST * max(float(values[-1]), np.finfo(float).tiny)
+    kept = values > WEAKEST * max(float(values.max(initial=0.0)), np.finfo(float).tiny)
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
 
@@ -57,8 +59,17 @@ def amounts_of(columns: FloatArray, signal: FloatArray, weakest: float = WEAKEST
     return np.asarray(least_norm(columns / lengths, signal, weakest)[0] / lengths)
 
 
-def noise_of_fit(error: FloatArray, slopes: FloatArray, known: IntArray, samples: int) -> Autoregression:
-    r"""Return the noise model of the residual (K,) of a fit with slopes (K, T), see `Autoregression.of_residual`.
+class Fitted(NamedTuple):
+    """A stretch of a residual (K,), and the slopes of its fit; zero where nothing was measured."""
+
+    error: FloatArray  # (K,)
+    slopes: FloatArray  # (K, P): of the model of all stretches
+    own: FloatArray  # (K, N): of this stretch alone, as those of its offset and initial state
+    known: IntArray  # (K,): predecessors, see `Autoregression.of_residual`
+
+
+def noise_of_fit(stretches: Sequence[Fitted], samples: int) -> Autoregression:
+    r"""Return the model of the noise in the residual of a fit to ``samples`` outputs.
 
     The fit explains some of the noise, most of slow noise: with its covariance M, :math:`E\, e e^T = \Gamma - \phi M
     \phi^T`.  What it explains is added to the residual's sums of products, as in restricted likelihood.
@@ -66,16 +77,35 @@ def noise_of_fit(error: FloatArray, slopes: FloatArray, known: IntArray, samples
     Source: Patterson and Thompson (1971), "Recovery of inter-block information when block sizes are unequal",
     Biometrika 58.
     """
-    noise = Autoregression.of_residual(error, known, samples)
-    left, columns = noise.sums, slopes / lengths_of(slopes)
+    noise = Autoregression.of_stretches([each.error for each in stretches], [each.known for each in stretches], samples)
+    left = noise.sums
     if not left.any():  # white, as the samples are few
         return noise
     for _ in range(SHARES):
-        white = noise.whiten_known(columns, known)
         deviation = math.sqrt(noise.power / max(noise.count, 1.0))
-        explained = np.ascontiguousarray(combined(columns, deviation * orthogonal(products(white, white))).T)
-        noise = Autoregression.of_sums(left + sum(sums_of(each, known)[0] for each in explained), noise.count)
+        explained = [deviation * each for each in _orthonormal(stretches, noise)]
+        sums = [sums_of(x, of.known)[0] for of, each in zip(stretches, explained, strict=True) for x in each.T.copy()]
+        noise = Autoregression.of_sums(left + sum(sums), noise.count)
     return noise
+
+
+def _orthonormal(stretches: Sequence[Fitted], noise: Autoregression) -> list[FloatArray]:
+    """Return each stretch's columns (K, R) of what a fit can explain, orthonormal over all stretches once whitened."""
+    parts, square = [], np.zeros((1, 1))
+    for _, slopes, own, known in stretches:
+        own, count = own / lengths_of(own), own.shape[1]
+        white = noise.whiten_known(np.hstack([own, slopes]), known)
+        turned = orthogonal(products(white[:, :count], white[:, :count]))
+        basis = combined(white[:, :count], turned)
+        weights = products(basis, white[:, count:])
+        beside = white[:, count:] - combined(basis, weights)
+        own = combined(own, turned)
+        parts.append((own, slopes - combined(own, weights)))
+        square = square + products(beside, beside)
+    units = np.sqrt(np.diag(square))
+    units = np.where(units > 0.0, units, 1.0)
+    turned = orthogonal(square / np.outer(units, units)) / units[:, None]
+    return [np.hstack([own, combined(slopes, turned)]) for own, slopes in parts]
 
 
 def widening(columns: FloatArray, rest: FloatArray, variance: float, basis: FloatArray | None = None) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -183,6 +184,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
         return None
     structure = settings.structure
 
+    @cache
     def with_loads(loads: tuple[int, ...]) -> Solution | None:
         return solve(structure, replace(record, begins=loads))
 

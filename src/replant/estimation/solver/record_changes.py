@@ -204,7 +204,7 @@ def is_another_in_parts(whole: Modelled, loads: tuple[int, ...]) -> bool:
     count, free = row.count, len(loads) * row.nuisances
     one = min(usual, loaded * count ** (free / count) * worth_of_lags(row, judge.noise, whole.judge.noise))
     cost *= count ** (free / count) * worth_of_lags(row, noise, whole.judge.noise)
-    more, least = 0.5 * count * math.log(one / cost), len(loads) * price(count, judge.theta.size)
+    more, least = 0.5 * count * math.log(one / cost), (len(parts) - 1) * price(count, judge.theta.size)
     return more > least and is_sure(divided, Judge(judge.theta, noise), more, least)
 
 

@@ -19,7 +19,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import combined, products, real_coefficients, roots, solve, sum_of_squares
-from replant.numerics.projections import amounts_of, noise_of_fit, orthogonal
+from replant.numerics.projections import Fitted, amounts_of, noise_of_fit, orthogonal
 
 # with 10,000 samples .01 of chi-square, .1 standard deviations
 STALLED = 1e-6  # decrease of the cost below which an iteration stalls [part of the cost]
@@ -146,7 +146,9 @@ class Problem:
         if self.is_rounding(done):
             self.noise = Autoregression.white(sum_of_squares(done.error), self.record.count)
         else:
-            self.noise = noise_of_fit(done.error, done.zeta, self.record.predecessors, self.record.count)
+            # its own columns: those of further parts are projected out already
+            fitted = Fitted(done.error, done.zeta, done.zeta[:, :0], self.record.predecessors)
+            self.noise = noise_of_fit([fitted], self.record.count)
 
     def misfit(self, done: Pass) -> float:
         """Return J, the power of the white residual that the reference explains; without one, that of white `ahead`."""
