@@ -143,12 +143,13 @@ class Problem:
 
     def renew_noise(self, done: Pass) -> None:
         """Fit the noise model to the residual of a pass; rounding counts as white."""
+        error, known, count = done.error, self.record.predecessors, self.record.count
         if self.is_rounding(done):
-            self.noise = Autoregression.white(sum_of_squares(done.error), self.record.count)
-        else:
-            # its own columns: those of further parts are projected out already
-            fitted = Fitted(done.error, done.zeta, done.zeta[:, :0], self.record.predecessors)
-            self.noise = noise_of_fit([fitted], self.record.count)
+            self.noise = Autoregression.white(sum_of_squares(error), count)
+        elif self.projection is None:  # its own columns are none: those of further parts are projected out already
+            self.noise = noise_of_fit([Fitted(error, done.zeta, done.zeta[:, :0], known)], count)
+        else:  # instruments explain another part of the noise than the likeliest fit
+            self.noise = Autoregression.of_residual(error, known, count)
 
     def misfit(self, done: Pass) -> float:
         """Return J, the power of the white residual that the reference explains; without one, that of white `ahead`."""
