@@ -183,6 +183,31 @@ def test_an_entry_that_is_refused_stays_to_be_corrected(browser, motor: Path) ->
 
 
 @pytest.mark.slow
+def test_an_entry_that_is_refused_goes_with_its_log(browser, motor: Path, tmp_path: Path) -> None:
+    """Back at that log its own orders are shown again, not those of the log between."""
+    other = tmp_path / "other.csv"
+    other.write_bytes(motor.read_bytes())
+    with opened([other, motor]) as served:
+        at = Workbench(browser, served.url)
+        for log, poles in (("other.csv", "3"), ("motor.csv", "2")):
+            at.page.select_option("#logs", label=log)
+            at.until(lambda log=log: at.page.title().startswith(log))
+            at.is_read()
+            at.page.fill("#poles", poles)
+            at.page.keyboard.press("Tab")
+            at.until(lambda: at.page.evaluate("document.activeElement.id") != "poles")
+        at.page.fill("#delay", "0,1")
+        at.page.keyboard.press("Tab")
+        at.until(lambda: "with a decimal point" in at.text("notice"))
+        for log, poles in (("other.csv", "3"), ("motor.csv", "2")):
+            at.page.select_option("#logs", label=log)
+            at.until(lambda log=log: at.page.title().startswith(log))
+            at.until(lambda poles=poles: at.page.input_value("#poles") == poles)
+        assert at.page.input_value("#delay") != "0,1"
+        at.close()
+
+
+@pytest.mark.slow
 def test_hostile_names_and_values_stay_words(browser, tmp_path: Path) -> None:
     evil = "<img src=x onerror=document.title='owned'>"
     rows = "".join(f"{k},{k % 5},{k % 7 / 3},=cmd()\n" for k in range(400))

@@ -13,7 +13,7 @@ const HINTS = {
 };
 const SVG = "http://www.w3.org/2000/svg";
 const told = new Map();
-let look = () => {}, refused = ""; // the log whose fields hold what the server has not accepted
+let look = () => {}, refused = null; // the log whose fields hold what the server has not accepted, and that
 
 /** Have a function called with the place in the plots that a reason speaks of. */
 export const whenLooked = call => { look = call; };
@@ -32,17 +32,18 @@ at("wish").addEventListener("change", () => log() && wished("wish"));
 
 /** Send what is typed.  What the server refuses stays in its fields, to be corrected. */
 async function wished(action) {
-  refused = log().name;
-  const found = await act(action, { log: refused, wish: wish() });
-  if (found) refused = "";
+  const asked = refused = { log: log().name, wish: wish() };
+  const found = await act(action, asked);
+  if (found && refused === asked) refused = null; // nothing newer is on its way
   if (found) drawWish();
   return found;
 }
 
 export function drawWish() {
   const opened = log();
+  if (refused?.log !== opened?.name) refused = null; // another log fills the fields
   if (!opened) return;
-  if (refused !== opened.name) {
+  if (!refused) {
     check(document.querySelector(`[name=kind][value=${opened.wish.kind}]`), true);
     for (const name of ["poles", "zeros", "delay"]) fill(at(name), opened.wish[name]);
   }
