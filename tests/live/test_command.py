@@ -9,6 +9,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -518,6 +519,35 @@ def test_the_command_that_fits_the_record_has_the_options_of_the_session(
         orders = zip(*(options[name] for name in ("poles", "zeros", "delay")), strict=True)
         assert list(orders) == [((one.poles,), (one.zeros,), (one.delay,)) for one in asked.structures]
     assert ("--reference" in given["to_fit"]) == ("--loop" in words)
+
+
+@every(("source", "has"), [("-?columns=t,u,y,r", True), ("-?columns=t,u,y", False), ("log.csv?reference=w", True)])
+def test_the_command_that_fits_the_record_has_the_reference_that_the_source_names(
+    source: str, has: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Without it the estimate of a loop is biased."""
+    given: dict[str, Any] = {}
+    monkeypatch.chdir(tmp_path)
+    Path("log.csv").write_text("t,u,y,w\n")
+    monkeypatch.setattr(command, "run", lambda *_, **more: given.update(more))
+    with pytest.raises(SystemExit):
+        main(["live", source, *MODEL])
+    assert given["to_fit"][-2:] == (["--reference", "r"] if has else ["--poles", given["to_fit"][-1]])
+
+
+@every("named", [True, False])
+def test_a_record_with_a_reference_that_a_header_named_is_to_be_fitted_with_it(
+    named: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    u, y = record(300)
+    rows = "".join(f"{a},{b},{k % 7}\n" for k, (a, b) in enumerate(zip(u, y, strict=True)))
+    (tmp_path / "pipe").write_text(f"u,y,{'r' if named else 'room'}\n{rows}")
+    with (tmp_path / "pipe").open() as pipe:
+        done = subprocess.run(
+            [sys.executable, "-m", "replant", "live", "-", *MODEL, "--record", str(tmp_path / "rec")],
+            stdin=pipe, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+    assert ("--reference r\n" in done.stderr) == named
 
 
 @pytest.mark.slow

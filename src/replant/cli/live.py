@@ -19,7 +19,7 @@ from replant.live.judge_process import DashboardAddress
 from replant.live.progress import AnyRequest, Limits
 from replant.live.session import run
 from replant.live.streams import UY, Signals
-from replant.live.streams.addresses import parts_of
+from replant.live.streams.addresses import Address, parts_of
 from replant.live.streams.source import REFERENCE
 from replant.live.view import UNNAMED
 from replant.numerics.operating_system import one_line
@@ -123,7 +123,7 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
     """
     if loop:
         source = looped(source)
-    parts_of(source)  # raises where there is no such source, before an option is missed
+    address, _ = parts_of(source)  # raises where there is no such source, before an option is missed
     demo = demo_of(source)
     if demo is not None:
         if _signals(options) != UY:
@@ -145,7 +145,7 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
         truth=None if demo is None else demo[0].plant,
         columns=columns,
         signals=names if demo is None else demo[1],
-        to_fit=_to_fit(options, columns, reference=demo is not None and LOOP in source),
+        to_fit=_to_fit(options, columns, reference=_has_reference(address)),
         **{name: options[name] for name in ("sinks", "record", "checkpoint", "every", "ttl", "background")},
     )
     if not trusted:
@@ -206,6 +206,12 @@ def _request(options: dict[str, Any]) -> AnyRequest:
         return RowIdentifier(**orders, dt=options["dt"], startup=options["startup"], input_names=inputs).request
     structure, more = shared.structure_of(options), {name: options[name] for name in ("optimizer", "startup")}
     return Request(structure, options["dt"], preprocess=shared.preprocess_of(options), **more)
+
+
+def _has_reference(address: Address) -> bool:
+    """Return whether the options of a source say that its samples have a reference."""
+    given = address.options
+    return REFERENCE in given.get("columns", "").replace(" ", "").split(",") or bool({"loop", "reference"} & {*given})
 
 
 def _to_fit(options: dict[str, Any], signals: Signals, *, reference: bool) -> list[str]:

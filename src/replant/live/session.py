@@ -39,6 +39,7 @@ from replant.live.progress import (
     stop_on_signals,
 )
 from replant.live.streams import UY, Batch, Signals, Source, open_source
+from replant.live.streams.source import REFERENCE
 from replant.live.terminal_status import render
 from replant.live.view import UNNAMED, SessionInfo, View
 from replant.model.transfer_function import TransferFunction
@@ -75,6 +76,7 @@ class Session:
         self._learned = False  # whether samples were learned since the last handover to the observer
         self._stopped = False  # whether a user or the reader of the outputs has ended the session
         self._remarked = False  # whether the remark of the source has been shown
+        self.has_reference = False  # whether samples with a reference came
         self._inconsistent = False  # whether the identifier may hold samples that the progress does not count
         self._verdict, self._excited, self._coefficients = UNKNOWN, False, False
 
@@ -158,6 +160,7 @@ class Session:
             return
         t = self._stamps(batch)
         before = self._accepted_outputs
+        self.has_reference |= batch.r is not None
         self._inconsistent = True
         confirmed = t  # NaN where a stamp leaps and the identifier would follow it
         if t is not None and not isinstance(self.identifier, Identifier):
@@ -376,9 +379,12 @@ def run(
         )
         if record is not None:
             name = typed_path(record)
+            command = shlex.join(["replant", "fit", name, *to_fit])
             observer.show(f"replant: to look at the record while it grows: {shlex.join(['replant', 'open', name])}")
-            observer.show(f"replant: to fit it: {shlex.join(['replant', 'fit', name, *to_fit])}")
+            observer.show(f"replant: to fit it: {command}")
         reached = session.run()
+        if record is not None and session.has_reference and "--reference" not in to_fit:  # a header named it
+            observer.show(f"replant: to fit it with its reference: {command} --reference {REFERENCE}")
         if session.missed:
             raise LogError(f"{stream.name}: {session.missed}")
         waits = session.identifier.forced_waits if isinstance(session.identifier, Identifier) else 0
