@@ -52,11 +52,19 @@ def time_columns(table: Table) -> list[int]:
 def named_time_columns(table: Table) -> list[int]:
     """Return the columns with a name of time; T, without a unit of time, only if there is no other and it increases."""
     by_path = [name.replace("/", ".") for name in table.names]  # HDF5: t/s may be a path, or t in s
-    named = {*time_candidates(table.names), *time_candidates(by_path)}
-    letters = {number for number in named if by_path[number].strip().rpartition(".")[2] == "T"}  # or a temperature
-    if letters and letters == named:
-        return sorted(number for number in named if number in table.in_seconds or _increases(table, number))
-    return sorted(named - letters)
+    named = clearer_times(by_path, sorted({*time_candidates(table.names), *time_candidates(by_path)}))
+    letter = any(is_letter(by_path[number]) for number in named)
+    return [number for number in named if not letter or number in table.in_seconds or _increases(table, number)]
+
+
+def clearer_times(names: Sequence[str], candidates: Sequence[int]) -> list[int]:
+    """Return the candidates for the time without those called T, unless there is no other."""
+    return [number for number in candidates if not is_letter(names[number])] or list(candidates)
+
+
+def is_letter(name: str) -> bool:
+    """Return whether a column is called T, without a unit: the time, or a temperature."""
+    return name.strip().rpartition(".")[2] == "T"
 
 
 def _increases(table: Table, number: int) -> bool:

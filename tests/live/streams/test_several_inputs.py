@@ -108,6 +108,34 @@ def test_a_header_without_the_names_that_a_user_gave_is_refused() -> None:
     assert batch.u.tolist() == [1.0, 1.0]
 
 
+@every("asked", [Signals(), Signals(("Q",), "T")])
+@every("text", ["hello,world", "booting firmware,version 2"])
+def test_a_greeting_of_the_width_of_the_rows_is_no_header(text: str, asked: Signals) -> None:
+    parser = Parser(Counter(), None, asked)
+    batch = parser.parse(f"{text}\n1,2\n3,4\n".encode(), arrived=0.0)
+    assert (batch.u.tolist(), batch.y.tolist()) == ([1.0, 3.0], [2.0, 4.0])
+    assert f"the line '{text}' before the rows names no signal" in parser.remark
+    assert "from" not in parser.remark
+
+
+def test_who_has_named_the_signals_is_not_told_to_name_them() -> None:
+    with pytest.raises(LogError, match=r"no column 'Q' in the header; .*; correct -i and -o, or the header$"):
+        Parser(Counter(), None, Signals(("Q",), "T")).parse(b"q,T\n1,2\n3,4\n", arrived=0.0)
+
+
+@every(
+    ("header", "read_as"),
+    [("Q,T", "uy"), ("T,Q", "uy"), ("time,volt,T", "tuy"), ("T,volt,speed", "tuy"), ("time,T,u,y", "t-uy"),
+     ("u [V],y [rpm]", "uy"), ("y [rpm],t [s],u", "ytu"), ("T,u [V],y", "tuy"), ("u,y,T", "uyt")],
+)  # fmt: skip
+def test_names_are_compared_without_units_and_t_in_capitals_may_be_a_temperature(header: str, read_as: str) -> None:
+    parser, row = Parser(Counter()), range(1, len(read_as) + 1)
+    batch = parser.parse(2 * f"{header}\n{','.join(map(str, row))}\n".encode(), arrived=0.0)
+    value = dict(zip(read_as, row, strict=True))
+    assert (batch.u[0], batch.y[0], None if batch.t is None else batch.t[0]) == (value["u"], value["y"], value.get("t"))
+    assert parser.remark == "" or not {"u", "y"} <= {title.split()[0] for title in header.split(",")}
+
+
 @every("text", ["ready", "rig 7, ready", "1,ready", "ready,,", "volt,volt"])
 def test_other_text_before_the_rows_is_no_header(text: str) -> None:
     batch, counters = read(f"{text}\n1,2,3,4\n1,2,3,4\n")
