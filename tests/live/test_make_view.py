@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 
 import numpy as np
@@ -16,6 +17,7 @@ from replant.live.streams.demo import simulated
 from replant.live.view import SessionInfo, View
 from replant.rigs import deap_rig
 from replant.verdict import simulate
+from replant.verdict.estimate_tests import are_known
 from support.cases import every
 from support.live_fakes import DT, PLANT, REQUEST, record
 from support.live_views import resting_view, viewed
@@ -112,6 +114,25 @@ def test_coefficients_are_not_known_where_the_verdict_relies_on_the_response_alo
         far = np.abs(view.parameters[2] / deap_rig().plant.den[3] - 1.0) > 0.3
         told[end] = view.verdict, relies, view.coefficients, bool(far)
     assert told == {800: ("trusted", True, False, True), 20_000: ("trusted", False, True, False)}
+
+
+@every(
+    ("numerator", "std", "known"),
+    [
+        ((3.0, 6.0), (0.1, 0.2), True), ((3.0, 6.0), (0.1, 30.0), False), ((3.0, 6.0), (15.0, 0.2), False),
+        ((0.001, 6.0), (0.005, 0.2), True),  # a surplus zero: that b1 is small is known
+        ((0.001, 6.0), (5.0, 0.2), False), ((0.001, 6.0), (0.005, 1.2), False),
+        ((5.0, 0.5), (0.1, 0.4), False), ((5.0, 0.5), (0.1, 0.05), True), ((0.0, 0.0), (0.1, 0.1), False),
+    ],
+)  # fmt: skip
+def test_coefficients_are_known_only_with_those_of_the_numerator(
+    numerator: tuple[float, float], std: tuple[float, float], known: bool
+) -> None:
+    """A pole at 1 and one at 4 rad/s, known to 2 %; the units of time and of the output do not matter."""
+    for rate, gain in itertools.product((1.0, 1e-3), repeat=2):
+        scales = np.array([rate, rate**2, gain * rate, gain * rate**2])
+        parameters, deviations = (scales * np.array(each) for each in ((5.0, 4.0, *numerator), (0.1, 0.08, *std)))
+        assert are_known(rp.Structure(2, 1), parameters, deviations, 100.0 / rate) == known
 
 
 def test_a_view_without_a_verdict_claims_no_excitation() -> None:

@@ -22,6 +22,7 @@ from replant.numerics.linear_algebra import (
     inverse_of,
     products,
     real_coefficients,
+    roots,
     sum_of_squares,
 )
 from replant.numerics.projections import without
@@ -249,8 +250,16 @@ def are_known(structure: Structure, parameters: FloatArray, std: FloatArray, spa
     """
     if not (np.isfinite(parameters).all() and np.isfinite(std).all()):
         return False
-    sizes = real_coefficients(parameters[structure.denominator], 1.0 / span)
-    return bool((std[structure.denominator] <= MOST_UNCERTAIN * sizes).all())
+    denominator, numerator = structure.denominator, structure.numerator
+    sizes = real_coefficients(parameters[denominator], 1.0 / span)
+    # one of the numerator has no size of its own where the plant has no zero: its effect is compared with that of all,
+    # at the lowest frequency of the record and at those of the poles, as the newest samples may show none
+    poles = np.abs(roots(np.concatenate([[1.0], parameters[denominator]])))
+    frequencies = np.maximum([0.0, *poles], 1.0 / span)
+    powers = frequencies[:, np.newaxis] ** np.arange(parameters[numerator].size)[::-1]
+    wholes = powers @ np.abs(parameters[numerator])
+    effects = powers * std[numerator] / np.maximum(wholes, 1e-300)[:, np.newaxis]
+    return bool((std[denominator] <= MOST_UNCERTAIN * sizes).all() and (effects <= MOST_UNCERTAIN).all())
 
 
 def movement_findings(moved: float, sigmas: float, span: str, *, improves: bool = False) -> list[Finding]:
