@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from replant.errors import InvalidArgumentError
 from replant.workbench import session
 from replant.workbench.app import opened
 from support.command import call
@@ -50,6 +51,16 @@ def test_the_next_free_port_is_taken_whatever_uses_the_wanted_one() -> None:
             with opened([], port=port) as served:
                 assert served.port == port + 2
             return
+
+
+def test_the_last_port_in_use_is_named_as_it_was_asked_for() -> None:
+    with contextlib.ExitStack() as held:
+        with contextlib.suppress(OSError):  # in use by another program
+            held.enter_context(socket.create_server(("127.0.0.1", 65535)))
+        with pytest.raises(InvalidArgumentError, match=r"^port 65535 of 127\.0\.0\.1 is in use, and so is each above"):
+            held.enter_context(opened([], port=65535))
+    with pytest.raises(InvalidArgumentError, match="got 65536"), opened([], port=65536):
+        pass
 
 
 def test_a_mistake_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ import tempfile
 import threading
 import webbrowser
 from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -220,14 +220,16 @@ def opened(logs: Sequence[Path], host: str = "127.0.0.1", port: int = 0) -> Iter
         session.close()
 
 
+LAST_PORT = 65535  # highest port of TCP [count]
+
+
 def _served(session: Session, hub: Hub, host: str, port: int) -> Dashboard:
     """Serve a session on the wanted port, or on the next free one if it is in use."""
     word, application = token(), partial(create_app, session)
-    while True:
-        try:
-            return serve(hub, host, port, word, application)
-        except InUseError:
-            port += 1
+    for free in range(port, max(port, LAST_PORT) + 1):  # a port beyond the last is refused with its number
+        with suppress(InUseError):
+            return serve(hub, host, free, word, application)
+    raise InUseError(f"port {port} of {host} is in use, and so is each above it: choose a lower one")
 
 
 LONGEST_BODY = 1 << 20  # largest body of an action's request [bytes]
