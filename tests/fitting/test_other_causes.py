@@ -7,6 +7,7 @@ import pytest
 
 import replant as rp
 from replant.fitting.other_causes import SWAPPED
+from replant.logs.column_roles import seem_swapped
 from replant.numerics.robust import far_out
 from replant.online.runs.result import Result
 from replant.online.runs.run_log import judged_by_log
@@ -103,14 +104,68 @@ def test_what_is_far_out_lies_beyond_the_range_by_its_width() -> None:
     assert not far_out(np.where(np.arange(100) == 50, 1.0, 0.0))[0].any()  # a single pulse has no others
 
 
-@every("seed", range(4))
-def test_exchanged_columns_are_said_to_be_and_a_loop_is_not(seed: int) -> None:
+def in_loop(seed: int, controller: str, load: str, filtered: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return input and output of a loop without a set-point that a random walk at its ``load`` moves."""
+    rng = np.random.default_rng(seed)
+    walk, noise = np.cumsum(0.1 * rng.standard_normal(600)), 0.02 * rng.standard_normal(600)
+    proportional, integral = {"integral": (0.0, 0.03), "PI": (0.5, 0.03)}[controller]
+    u, y = np.zeros(600), np.zeros(600)
+    x = total = seen = 0.0
+    for k in range(600):
+        x = 0.95 * x + 0.15 * (u[k - 1] + (walk[k] if load == "input" else 0.0))
+        y[k] = x + noise[k] + (walk[k] if load == "output" else 0.0)
+        seen = 0.7 * seen + 0.3 * y[k] if filtered else y[k]
+        total += integral * seen
+        u[k] = -proportional * seen - total
+    return u, y
+
+
+@every("digits", [None, 2])
+@every("load", ["input", "output"])
+@every("filtered", [True, False])
+@every("controller", ["integral", "PI"])
+def test_a_controllers_input_does_not_seem_swapped(controller: str, filtered: bool, load: str, digits) -> None:
+    for seed in range(10):
+        u, y = in_loop(seed, controller, load, filtered)
+        assert not seem_swapped(u if digits is None else np.round(u, digits), y), seed
+
+
+@every("noise", [0.02, 0.1])
+@every("held", [25, 5, 1])
+def test_exchanged_columns_of_an_open_loop_seem_swapped(held: int, noise: float) -> None:
+    found = 0
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.uniform(-1.0, 1.0, 600 // held), held)
+        u = u if held > 1 else np.convolve(u, np.ones(10), "same")
+        y = PLANT.simulate(u, 0.1)
+        y += noise * y.std() * rng.standard_normal(u.size)
+        found += seem_swapped(y, u)
+        assert not seem_swapped(u, y), seed
+    assert found >= 9
+
+
+@every("seed", range(4), quick=1)
+def test_a_verdict_asks_whether_columns_are_swapped(seed: int) -> None:
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-1.0, 1.0, 60), 25)
     y = rp.TransferFunction([1.5], [1.0, 0.5]).simulate(u, 0.1) + 0.05 * rng.standard_normal(1500)
     swapped = rp.fit(y, u, 0.1, poles=1).verdict
     assert (swapped.status != "trusted", swapped.reasons[0]) == (True, SWAPPED)
     assert SWAPPED not in rp.fit(u, y, 0.1, poles=1).verdict.reasons
+
+
+@every("controller, filtered", [("PI", True), ("integral", True), ("integral", False)], quick=1)
+def test_a_verdict_does_not_ask_it_in_a_loop_and_explains_the_loop_once(controller: str, filtered: bool) -> None:
+    found = rp.fit(*in_loop(0, controller, "output", filtered), 0.1, poles=1).verdict
+    assert SWAPPED not in found.reasons
+    assert sum("more colour than the noise model" in reason for reason in found.reasons) == 1
+
+
+@pytest.mark.slow
+@every("seed", range(4), quick=1)
+def test_a_loop_whose_input_copies_the_output_is_said_to_be_closed_once(seed: int) -> None:
+    rng = np.random.default_rng(seed)
     x, moved, load = 0.0, np.zeros(1500), np.cumsum(0.1 * rng.standard_normal(1500))
     measured = np.zeros(1500)
     for k in range(1500):

@@ -81,7 +81,7 @@ def judged_further(
         verdict = with_fewer_poles(verdict, structure, parameters, record)
         verdict = with_other_cause(verdict, structure, parameters, record, zero)
     verdict = with_other_columns(verdict, columns)
-    if verdict.status != "trusted" and record.r is None and seem_swapped(record.u, record.y):
+    if verdict.status != "trusted" and record.r is None and seem_swapped(record.u, _outputs(record)):
         return replace(verdict, reasons=(SWAPPED, *verdict.reasons))
     if covariance is None or verdict.status not in ("trusted", "converging"):
         return verdict
@@ -176,6 +176,11 @@ def _drift(structure: Structure, record: Record) -> Supposed | None:
     return Supposed(record, _less(record, drift), 1, reason, "use --detrend, or rp.detrend(log)")
 
 
+def _outputs(record: Record) -> FloatArray:
+    """Return the outputs (K,), NaN where there is none."""
+    return np.where(record.is_measured, record.y, np.nan)
+
+
 def _less(record: Record, drift: FloatArray) -> Record:
     """Return a record minus a drift (K,) of its output."""
     return replace(record, y=np.where(record.is_measured, record.y - drift, record.y))
@@ -249,7 +254,7 @@ def _is_taken(structure: Structure, theta: FloatArray, record: Record) -> bool:
 
 def _from_rest(record: Record) -> Record | None:
     """Return a record extended by rest before it; None if no output is known before the input moves."""
-    output = outputs_from_rest(record.u, np.where(record.is_measured, record.y, np.nan))
+    output = outputs_from_rest(record.u, _outputs(record))
     if output is None:
         return None
     count = output.size - record.u.size

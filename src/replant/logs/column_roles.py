@@ -20,6 +20,7 @@ from itertools import product
 import numpy as np
 
 from replant.logs.columns import Column, describe
+from replant.logs.computed_input import is_computed
 from replant.numerics.arguments import FloatArray
 
 MOST_SAMPLES = 1 << 16  # samples used for the measures [samples]
@@ -263,15 +264,15 @@ def find_roles(columns: list[Column], values: dict[int, FloatArray], given: dict
 def seem_swapped(u: FloatArray, y: FloatArray) -> bool:
     """Return whether ``y`` (K,) acts on ``u`` (K,) and not ``u`` on ``y``, as if output and input were exchanged.
 
-    A controller is no cause of this: under it the input acts on the output, too.  The evidence must outweigh a name, as
-    the roles were stated.
+    A controller that only disturbances move looks alike, but its input follows from the output without noise.  The
+    evidence must outweigh a name, as the roles were stated.
     """
     heads = u[:MOST_SAMPLES], y[:MOST_SAMPLES]
     forces = _Forces(dict(enumerate(map(prepared, heads))))
     a, b = (describe(number, "", head) for number, head in enumerate(heads))
     there, back = forces.of(0, 1), forces.of(1, 0)
     one_sided = back > FEEDBACK and there <= ANSWERS * back
-    return one_sided and _score(b, a, forces) - _score(a, b, forces) > BY_NAME
+    return one_sided and _score(b, a, forces) - _score(a, b, forces) > BY_NAME and not is_computed(*heads)
 
 
 class _Forces:
