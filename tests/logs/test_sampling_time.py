@@ -247,6 +247,13 @@ def test_a_file_that_runs_backwards_is_refused_with_the_remedy(write: Write) -> 
         read_log(write("t,u,y\n" + rows), input="u", output="y")
 
 
+@every("period", [3, 5, 10, 50])
+def test_a_clock_that_restarts_again_and_again_is_not_to_be_sorted(write: Write, period: int) -> None:
+    rows = "".join(f"{0.1 * (k % period):.1f},{k % 7},{k % 3}\n" for k in range(300))
+    with pytest.raises(LogError, match=r"the time stamp 0 goes back .*; the clock begins anew"):
+        read_log(write("t,u,y\n" + rows), input="u", output="y")
+
+
 def test_without_time_and_dt_both_are_named_and_options_where_a_command_may_read(write: Write) -> None:
     path = write("x,u,y\n0,1,2\n1,2,3\n")
     with pytest.raises(LogError, match=r"name the time column \(time=...\) or give the sampling time \(dt=...\)"):

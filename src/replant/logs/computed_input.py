@@ -20,9 +20,7 @@ from replant.logs.columns import describe
 from replant.numerics.arguments import BoolArray, FloatArray
 
 LAGS = 8  # past values of both signals: those of a controller and of the filter before it [samples]
-EXACT = math.exp(
-    -10.0
-)  # part of the input's power that is a rounding error, also of the output that was recorded [part]
+EXACT = math.exp(-10.0)  # part of the input's power that is the rounding of the recorded output [part]
 
 
 def is_computed(u: FloatArray, y: FloatArray) -> bool:

@@ -86,11 +86,14 @@ def _mostly_rise(steps: FloatArray) -> bool:
 
 def is_shuffled(stamps: FloatArray) -> bool:
     """Return whether rows are not in the order of their stamps (K,); few wrong stamps or a clock's restarts are not."""
+    stamps = stamps[np.isfinite(stamps)]
     with np.errstate(invalid="ignore", over="ignore"):
-        steps = np.diff(stamps[np.isfinite(stamps)])
+        steps = np.diff(stamps)
     if _mostly_rise(steps) or not (steps > 0.0).any():
         return False
-    return bool(np.median(-steps[steps < 0.0]) <= ANEW * np.median(np.abs(steps)))
+    # sorted by a clock that restarts again and again, parts would interleave
+    are_unique = np.unique(stamps).size >= MOSTLY * stamps.size
+    return bool(are_unique and np.median(-steps[steps < 0.0]) <= ANEW * np.median(np.abs(steps)))
 
 
 def unit_in_seconds(name: str) -> float:
@@ -188,7 +191,7 @@ def _check_increasing(table: Table, number: int, stamps: FloatArray, first: int)
             remedy = f"the time goes back in {back} rows: sort the rows by time"
         elif not steps.any():
             remedy = "all stamps are equal: give the sampling time (dt, --dt) instead of a time column"
-        elif -steps[row - 1] > ANEW * float(np.median(np.abs(steps))):
+        elif -steps[row - 1] > ANEW * float(np.median(np.abs(steps))) or not _mostly_rise(steps):
             remedy = _BEGINS_ANEW
     else:
         return
