@@ -332,6 +332,21 @@ def test_a_temperature_under_the_letter_t_does_not_make_the_time_ambiguous_or_wr
         read_log(write("\n".join(["Zeit,u,y,T", *rows])), input="u", output="y")
 
 
+@every("names", ["Zeit,u,y,T", "row,u,y,T"])
+@every("rise", [lambda k: 20.0 + 0.1 * k, lambda k: 20.0 + 60.0 * (1.0 - np.exp(-k / 8.0))])
+def test_a_temperature_that_rises_is_not_the_time(write: Write, names: str, rise) -> None:
+    rows = [f"{0.5 * k},{k % 2},{k % 3},{rise(k):.3f}" for k in range(40)]
+    with pytest.raises(LogError, match="name the time column"):
+        read_log(write("\n".join([names, *rows])), input="u", output="y")
+    assert read_log(write("\n".join([names, *rows])), input="u", output="y", time=names.partition(",")[0]).dt == 0.5
+
+
+def test_a_clock_under_the_letter_t_may_jitter(write: Write) -> None:
+    stamps = np.cumsum(np.random.default_rng(1).uniform(0.4, 0.6, 40))
+    rows = [f"{stamp:.4f},{k % 2},{k % 3}" for k, stamp in enumerate(stamps)]
+    assert read_log(write("\n".join(["T,u,y", *rows])), input="u", output="y").dt == pytest.approx(0.5, rel=0.1)
+
+
 def test_a_clock_under_the_letter_t_may_have_a_stamp_out_of_order_which_is_refused(write: Write) -> None:
     stamps = [f"{0.5 * k}" for k in range(40)]
     stamps[30] = "0.1"

@@ -18,6 +18,7 @@ from replant.numerics.limits import duration
 from replant.numerics.time_stamps import TOLERANCE, StampResolution, is_regular, is_regular_interval
 
 MOSTLY = 0.95  # part of the steps of a column that must be those of a time [part]
+UNEVEN = 2.0  # most that a step of a clock is longer or shorter than the usual one, but for gaps [usual intervals]
 CHECKED = 1 << 18  # stamps from which the median interval is computed [samples]
 FINE = 1e-4  # largest rounding error at which the digits of an interval are still rounded off [part of the interval]
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
@@ -50,11 +51,14 @@ def time_columns(table: Table) -> list[int]:
 
 
 def named_time_columns(table: Table) -> list[int]:
-    """Return the columns with a name of time; T, without a unit of time, only if there is no other and it increases."""
+    """Return the columns with a name of time; T, without a unit of time, only as the first steady clock."""
     by_path = [name.replace("/", ".") for name in table.names]  # HDF5: t/s may be a path, or t in s
     named = clearer_times(by_path, sorted({*time_candidates(table.names), *time_candidates(by_path)}))
-    letter = any(is_letter(by_path[number]) for number in named)
-    return [number for number in named if not letter or number in table.in_seconds or _increases(table, number)]
+    if not any(is_letter(by_path[number]) for number in named):
+        return named
+    # behind another clock it is a temperature that rises
+    first = next((number for number in range(len(by_path)) if _is_clock(table, number)), None)
+    return sorted({*named} & {*table.in_seconds, first})
 
 
 def clearer_times(names: Sequence[str], candidates: Sequence[int]) -> list[int]:
@@ -67,15 +71,19 @@ def is_letter(name: str) -> bool:
     return name.strip().rpartition(".")[2] == "T"
 
 
-def _increases(table: Table, number: int) -> bool:
-    """Return whether the first values of a column increase, but for few stamps out of order."""
+def _is_clock(table: Table, number: int) -> bool:
+    """Return whether the first values of a column increase in nearly equal steps, but for few stamps out of order."""
     try:
         (values,) = table.head([number], 1)
     except LogError:  # it holds no numbers
         return False
     with np.errstate(invalid="ignore", over="ignore"):
         changes = np.diff(values)
-    return bool((changes > 0.0).any() and _mostly_rise(changes))
+    rising = changes[changes > 0.0]
+    if not rising.size or not _mostly_rise(changes):
+        return False
+    usual = float(np.median(rising))
+    return bool(np.mean((rising >= usual / UNEVEN) & (rising <= usual * UNEVEN)) >= MOSTLY)
 
 
 def _mostly_rise(steps: FloatArray) -> bool:
