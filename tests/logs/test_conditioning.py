@@ -203,7 +203,29 @@ def test_a_part_of_a_file_and_the_rest_before_it_do_not_move_a_stretch() -> None
         assert missing[missing >= 0].tolist()[-10:] == list(range(40, 50))
 
 
-@every("stretch", [(3.0, 2.0), (9.0, None), (1.0,), "ab", (float("nan"), 2.0), 5.0])
+@every("stretch", [(3.0, 2.0), (9.0, None), (1.0,), "ab", (float("nan"), 2.0), 5.0, np.array(5.0)])
 def test_a_stretch_without_samples_is_refused(stretch: object) -> None:
     with pytest.raises(InvalidArgumentError):
         leave_out(Log(np.zeros(10), np.zeros(10), 0.5), [stretch])  # type: ignore[list-item]
+
+
+@every(
+    "stretch, mistake",
+    [
+        ((float("nan"), 2.0), "must be numbers, not NaN"),
+        ((1.0, float("nan")), "must be numbers, not NaN"),
+        ((3.0, 2.0), "3:2: a stretch must begin before it ends"),
+        ((9.0, None), "no sample lies there"),
+    ],
+)
+def test_the_mistake_in_a_stretch_is_named(stretch: tuple[float, float | None], mistake: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=mistake):
+        leave_out(Log(np.zeros(10), np.zeros(10), 0.5), [stretch])
+
+
+@every("stretches", [np.array([[1, 1.5]]), [np.array([1, 1.5])], [[1, 1.5]], ((np.float32(1), 1.5),)])
+def test_stretches_may_be_arrays(stretches) -> None:
+    left = leave_out(Log(np.zeros(10), np.zeros(10), 0.5), stretches)
+    assert np.flatnonzero(np.isnan(left.output)).tolist() == [2]
+    kept = leave_out(Log(np.zeros(10), np.zeros(10), 0.5), use=stretches)
+    assert np.flatnonzero(np.isfinite(kept.output)).tolist() == [2]

@@ -98,7 +98,8 @@ Stretch = tuple[float | None, float | None]
 def leave_out(log: Log, stretches: Sequence[Stretch] = (), *, use: Sequence[Stretch] = ()) -> Log:
     """Leave out the outputs of stretches of time, in which they are wrong, or which are kept to validate on.
 
-    The inputs stay: they act on the outputs that follow.
+    The inputs stay: they act on the outputs that follow.  Leave out last: after `decimate`, `resample` or `bandpass`,
+    which make one output of several, those left out before count as rejected.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ def leave_out(log: Log, stretches: Sequence[Stretch] = (), *, use: Sequence[Stre
     log = instance("log", log, Log)
     clock = _clock(log)
     clock = clock - clock[min(log.rest, clock.size - 1) :][:1] + (log.begin or 0.0)
-    used = _within(clock, log.dt, use) if use else np.ones(clock.size, bool)
+    used = np.ones(clock.size, bool) if _items(use) == () else _within(clock, log.dt, use)
     left = used & ~_within(clock, log.dt, stretches)
     if not (left & np.isfinite(log.output)).any():
         raise InvalidArgumentError("no output is left to make a model of")
@@ -140,17 +141,26 @@ def leave_out(log: Log, stretches: Sequence[Stretch] = (), *, use: Sequence[Stre
     )  # fmt: skip
 
 
+def _items(value: object) -> tuple[Any, ...] | None:
+    """Return the items of a list, a tuple or an array; None for anything else."""
+    return tuple(value) if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim) else None
+
+
 def _within(clock: FloatArray, dt: float, stretches: Sequence[Stretch]) -> BoolArray:
     """Return which samples (K,) lie in stretches of time, where rounding moves no sample over an end."""
     found, slack = np.zeros(clock.size, bool), ROUND_OFF * dt
-    for stretch in stretches if isinstance(stretches, list | tuple) else [stretches]:
-        ends = tuple(stretch) if isinstance(stretch, list | tuple) else ()
+    for stretch in [stretches] if (given := _items(stretches)) is None else given:
+        ends = _items(stretch) or ()
         if len(ends) != 2:
             raise InvalidArgumentError(
                 f"stretches must be begins and ends in s, as [(12.0, 32.0)]; got {shown(stretch)}"
             )
         begin = 0.0 if ends[0] is None else number("the begin of a stretch", ends[0])
         end = math.inf if ends[1] is None else number("the end of a stretch", ends[1])
+        if math.isnan(begin) or math.isnan(end):
+            raise InvalidArgumentError(f"{begin:g}:{end:g}: begin and end of a stretch must be numbers, not NaN")
+        if begin >= end:
+            raise InvalidArgumentError(f"{begin:g}:{end:g}: a stretch must begin before it ends")
         inside = (clock >= begin - slack) & (clock < end - slack)
         if not inside.any():
             lasts = f"{clock[0]:.6g} to {clock[-1]:.6g} s" if clock.size else "no time"

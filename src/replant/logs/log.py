@@ -58,7 +58,8 @@ class Log:
         Number of samples that `from_rest` put before the record; `duration` and the counts of samples in a result
         leave them out.
     withheld : int
-        Number of outputs that `leave_out` has left out; a result counts them neither as samples nor as rejected.
+        Number of outputs that `leave_out` has left out; a result counts them neither as samples nor as rejected.  Leave
+        out last: `decimate`, `resample` and `bandpass` make new outputs, and those that are missing count as rejected.
 
     Examples
     --------
