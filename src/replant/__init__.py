@@ -17,7 +17,7 @@ What most programs need, in this order; help(rp.fit) and so on says more:
 >>> log = rp.examples.motor()
 >>> fitted = rp.fit(log, poles=1, delay=0.01)
 >>> print(fitted.transfer_function, fitted.verdict.status)
-3741 / (s + 2.309) exp(-0.01 s) trusted
+3741 / (s + 2.308) exp(-0.01 s) trusted
 """
 
 from importlib import import_module

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
 import replant as rp
@@ -35,7 +33,7 @@ def test_a_gain_that_rest_refutes_is_not_trusted() -> None:
     found = step_test(59)
     assert found.verdict.status == "converging"
     assert found.verdict.reasons[0].startswith(REASON)
-    assert re.search(r"from rest the gain is 2, not 1\.7[5-9]:", found.verdict.reasons[0])
+    assert "from rest the gain is 2, not 1.79" in found.verdict.reasons[0]
     assert found.verdict.reasons[1:]  # those of the model
 
 

@@ -19,7 +19,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import combined, products, real_coefficients, roots, solve, sum_of_squares
-from replant.numerics.projections import Fitted, amounts_of, noise_of_fit, orthogonal
+from replant.numerics.projections import amounts_of, orthogonal
 
 # with 10,000 samples .01 of chi-square, .1 standard deviations
 STALLED = 1e-6  # decrease of the cost below which an iteration stalls [part of the cost]
@@ -143,13 +143,10 @@ class Problem:
 
     def renew_noise(self, done: Pass) -> None:
         """Fit the noise model to the residual of a pass; rounding counts as white."""
-        error, known, count = done.error, self.record.predecessors, self.record.count
         if self.is_rounding(done):
-            self.noise = Autoregression.white(sum_of_squares(error), count)
-        elif self.projection is None:  # its own columns are none: those of further parts are projected out already
-            self.noise = noise_of_fit([Fitted(error, done.zeta, done.zeta[:, :0], known)], count)
-        else:  # instruments explain another part of the noise than the likeliest fit
-            self.noise = Autoregression.of_residual(error, known, count)
+            self.noise = Autoregression.white(sum_of_squares(done.error), self.record.count)
+        else:
+            self.noise = Autoregression.of_residual(done.error, self.record.predecessors, self.record.count)
 
     def misfit(self, done: Pass) -> float:
         """Return J, the power of the white residual that the reference explains; without one, that of white `ahead`."""
