@@ -571,7 +571,7 @@ def test_a_second_session_that_would_write_to_the_same_place_is_refused(
     peer = ReplayingPeer(lines(U, Y, T, first=0))
     with live(peer.url, *options) as first:
         assert first.stderr is not None
-        while b"cut and fit the record" not in first.stderr.readline():  # until it holds both
+        while b"look at the record while it grows" not in first.stderr.readline():  # until it holds both
             assert first.poll() is None
         for option, used in places.items():
             with pytest.raises(SystemExit) as stop:
