@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
-from replant.estimation.simulation.miso import Point, Row, RowRecord, colour_of, evaluate, noise_beside, noise_of
+from replant.estimation.simulation.miso import Point, Row, RowRecord, colour_of, evaluate, noise_of
 from replant.estimation.simulation.miso_exogenous import Outside
 from replant.estimation.solver import solve
 from replant.estimation.solver.miso_steps import (
@@ -276,9 +276,8 @@ def likeliest(row: Row, begins: list[Point], again: Again) -> _Estimates:
     for point in ends_of(row, (path(row, begin.theta, noise, begin, SHORT) for begin in begins)):
         model = noise
         for _ in range(ROUNDS - 1):
-            model = noise_beside(row, point)
+            model = noise_of(row, point)
             point = refine(row, point.theta, model, point, SHORT)
-        point = evaluate(row, point.theta, model, point)  # whose slopes have its own initial states
         found.append(_Estimates(free, point, model))
     # the noise model of a loud one has explained a branch as noise
     quietest = min(each.point.power for each in found)

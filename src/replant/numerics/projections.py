@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from replant.kernels.schema import LAGUERRE
-from replant.numerics.arguments import FloatArray, IntArray
-from replant.numerics.autoregression import Autoregression, sums_of
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import combined, least_norm, products
 
 TAKEN_AWAY = 1e-9  # length of a column, something taken off, that is rounding: a million times it [part of it before]
 LEFT = 1e-6  # length left of a column below which it cannot be told from known ones: the root of rounding [part of it]
 WEAKEST = 1e-13  # eigenvalue of scaled sums of a direction that is not there: a hundred roundings [part of the largest]
 STRETCHES = 16  # of the record, whose scores tell their scatter: of two columns and more to a quarter [count]
-SHARES = 2  # times that the noise explained by a fit is computed, each with the noise model of before [count]
 WIDER = 4.0  # scatter of the scores beyond which it is no chance [standard deviations]
 
 
@@ -35,7 +32,7 @@ def orthogonal(matrix: FloatArray) -> FloatArray:
         values, vectors = np.linalg.eigh(matrix)
     except np.linalg.LinAlgError:
         return np.zeros((len(matrix), 0))
-    kept = values > WEAKEST * max(float(values.max(initial=0.0)), np.finfo(float).tiny)
+    kept = values > WEAKEST * max(float(values[-1]), np.finfo(float).tiny)
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
 
@@ -57,55 +54,6 @@ def amounts_of(columns: FloatArray, signal: FloatArray, weakest: float = WEAKEST
     """Return the amounts (P,) of columns (K, P), of any length, that explain most of a signal (K,)."""
     lengths = lengths_of(columns)
     return np.asarray(least_norm(columns / lengths, signal, weakest)[0] / lengths)
-
-
-class Fitted(NamedTuple):
-    """A stretch of a residual (K,), and the slopes of its fit; zero where nothing was measured."""
-
-    error: FloatArray  # (K,)
-    slopes: FloatArray  # (K, P): of the model of all stretches
-    own: FloatArray  # (K, N): of this stretch alone, as those of its offset and initial state
-    known: IntArray  # (K,): predecessors, see `Autoregression.of_residual`
-
-
-def noise_of_fit(stretches: Sequence[Fitted], samples: int) -> Autoregression:
-    r"""Return the model of the noise in the residual of a fit to ``samples`` outputs.
-
-    The fit explains some of the noise, most of slow noise: with its covariance M, :math:`E\, e e^T = \Gamma - \phi M
-    \phi^T`.  What it explains is added to the residual's sums of products, as in restricted likelihood.
-
-    Source: Patterson and Thompson (1971), "Recovery of inter-block information when block sizes are unequal",
-    Biometrika 58.
-    """
-    noise = Autoregression.of_stretches([each.error for each in stretches], [each.known for each in stretches], samples)
-    left = noise.sums
-    if not left.any():  # white, as the samples are few
-        return noise
-    for _ in range(SHARES):
-        deviation = math.sqrt(noise.power / max(noise.count, 1.0))
-        explained = [deviation * each for each in _orthonormal(stretches, noise)]
-        sums = [sums_of(x, of.known)[0] for of, each in zip(stretches, explained, strict=True) for x in each.T.copy()]
-        noise = Autoregression.of_sums(left + sum(sums), noise.count)
-    return noise
-
-
-def _orthonormal(stretches: Sequence[Fitted], noise: Autoregression) -> list[FloatArray]:
-    """Return each stretch's columns (K, R) of what a fit can explain, orthonormal over all stretches once whitened."""
-    parts, square = [], np.zeros((1, 1))
-    for _, slopes, own, known in stretches:
-        own, count = own / lengths_of(own), own.shape[1]
-        white = noise.whiten_known(np.hstack([own, slopes]), known)
-        turned = orthogonal(products(white[:, :count], white[:, :count]))
-        basis = combined(white[:, :count], turned)
-        weights = products(basis, white[:, count:])
-        beside = white[:, count:] - combined(basis, weights)
-        own = combined(own, turned)
-        parts.append((own, slopes - combined(own, weights)))
-        square = square + products(beside, beside)
-    units = np.sqrt(np.diag(square))
-    units = np.where(units > 0.0, units, 1.0)
-    turned = orthogonal(square / np.outer(units, units)) / units[:, None]
-    return [np.hstack([own, combined(slopes, turned)]) for own, slopes in parts]
 
 
 def widening(columns: FloatArray, rest: FloatArray, variance: float, basis: FloatArray | None = None) -> float:

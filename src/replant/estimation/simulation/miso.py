@@ -26,7 +26,7 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import combined, products, quiet, roots, sum_of_squares
-from replant.numerics.projections import Fitted, lengths_of, noise_of_fit, orthogonal
+from replant.numerics.projections import lengths_of, orthogonal
 
 NEAR_AXIS = 1e-6  # distance from the axis of a pole that is put on it [1 / duration]
 ROUNDS = 8  # moves of a first-order result until a branch is stable [count]
@@ -290,18 +290,6 @@ def is_exact(row: Row, point: Point) -> bool:
 def noise_of(row: Row, point: Point) -> Autoregression:
     """Return the autoregression of a point's residual, one for all stretches; rounding counts as white."""
     return Autoregression.white(point.power, row.count) if is_exact(row, point) else colour_of(row, point.residual)
-
-
-def noise_beside(row: Row, point: Point) -> Autoregression:
-    """Return `noise_of` a point with what its fit has explained of the noise, see `noise_of_fit`."""
-    if is_exact(row, point):
-        return noise_of(row, point)
-    fitted = []
-    for stretch, error, weights in zip(row.stretches, point.residual, point.nuisances, strict=True):
-        _, slopes, free = row.signals(point.theta, stretch, weights)
-        slopes, free = (np.where(stretch.measured[:, None], each, 0.0) for each in (slopes, free))
-        fitted.append(Fitted(error, slopes, free, stretch.known))
-    return noise_of_fit(fitted, row.count)
 
 
 def colour_of(row: Row, signals: list[FloatArray]) -> Autoregression:
