@@ -7,6 +7,7 @@ import itertools
 import math
 import tracemalloc
 from collections.abc import Callable, Sequence
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -422,7 +423,9 @@ def test_update_refuses_what_is_no_number(bad: Any, ready: bool) -> None:
         ([1.0], [None], "y must hold real numbers, got dtype object"),
         ([1.0], [1j], "y must hold real numbers, got dtype complex128"),
         ([1.0], [Thing()], "y must hold real numbers, got dtype object"),
-        ([1.0], np.array(["2020-01-01"], "M8[D]"), "y must hold real numbers"),
+        ([1.0], np.array(["2020-01-01"], "M8[D]"), r"y must hold real numbers.*: seconds are \(y - y\[0\]\)"),
+        ([1.0], [datetime(2020, 1, 1)], r"y must hold real numbers.*: timestamp\(\) gives the seconds"),
+        ([1.0], np.array([1], "m8[s]"), "y must hold real numbers.*: seconds are y / np.timedelta64"),
         ([[1.0], [1.0, 2.0]], [1.0, 2.0], "u must be an array of numbers"),
     ],
     ids=repr,

@@ -28,12 +28,12 @@ def number(name: str, value: Any) -> float:
     not_a_number = isinstance(value, str | bytes | complex | np.ma.MaskedArray)
     of_numpy = isinstance(value, np.ndarray | np.generic)
     if not_a_number or (of_numpy and (value.ndim > 0 or value.dtype.kind not in "fiub")):
-        raise ArgumentTypeError(f"{name} must be a number, got {_describe(value)}")
+        raise ArgumentTypeError(f"{name} must be a number, got {_describe(value)}{_seconds(name, value)}")
     try:
         with np.errstate(over="ignore"):
             return float(value)
     except (TypeError, ValueError) as cause:
-        raise ArgumentTypeError(f"{name} must be a number, got {_describe(value)}") from cause
+        raise ArgumentTypeError(f"{name} must be a number, got {_describe(value)}{_seconds(name, value)}") from cause
     except OverflowError as cause:
         raise InvalidArgumentError(f"{name} must be within the range of float64") from cause
 
@@ -136,7 +136,8 @@ def array_of_reals(name: str, value: Any) -> FloatArray:
     except (ValueError, TypeError, OverflowError) as cause:
         raise ArgumentTypeError(f"{name} must be an array of numbers: {cause}") from cause
     if array.dtype.kind not in "fiub":
-        got = _describe(value) if is_frame(value) else f"dtype {array.dtype}"
+        first = array.flat[0] if array.size else None
+        got = _describe(value) if is_frame(value) else f"dtype {array.dtype}{_seconds(name, first)}"
         raise ArgumentTypeError(f"{name} must hold real numbers, got {got}")
     with np.errstate(over="ignore"):  # a number of a wider type may become infinite
         reals = np.asarray(array, np.float64, order="C")
@@ -209,3 +210,13 @@ def _describe(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
     return f"{type(value).__name__} {shown(value)}" if isinstance(value, str | bytes) else type(value).__name__
+
+
+def _seconds(name: str, value: Any) -> str:
+    """Return how dates and durations become numbers; nothing for other values."""
+    if isinstance(value, np.datetime64):
+        return f": seconds are ({name} - {name}[0]) / np.timedelta64(1, 's')"
+    if isinstance(value, np.timedelta64):
+        return f": seconds are {name} / np.timedelta64(1, 's')"
+    found = next((method for method in ("timestamp", "total_seconds") if hasattr(value, method)), "")
+    return f": {found}() gives the seconds" if found else ""
