@@ -256,9 +256,10 @@ def test_rejected_samples_shift_no_new_solution() -> None:
     """Wherever bad samples fall, also just before twice the start-up: the estimate is that of the others."""
     u, y = made("order 2", noise=0.1)
     clean, spoiled = (rp.Identifier(AWKWARD["order 2"][0], DT) for _ in range(2))
-    expected = clean.update_many(u, y).parameters
+    t = DT * np.arange(u.size)
+    expected = clean.update_many(u, y, t).parameters
     bad = [3, 499, 600, 998, 999, 999, 1000, 1500, 2001, 3998]
-    trace = spoiled.update_many(np.insert(u, bad, np.nan), np.insert(y, bad, 0.0))
+    trace = spoiled.update_many(np.insert(u, bad, np.nan), np.insert(y, bad, 0.0), np.insert(t, bad, t[bad]))
     np.testing.assert_array_equal(trace.parameters[np.isfinite(np.insert(u, bad, np.nan))], expected)
     assert spoiled.rejected["not finite"] == len(bad)
 

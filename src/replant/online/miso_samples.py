@@ -109,6 +109,28 @@ class RowSamples(NamedTuple):
         """Return some of the samples."""
         return RowSamples(self.u[rows], self.y[rows], None if self.t is None else self.t[rows], self.r[rows])
 
+    def each_in_time(self, before: FloatArray | None) -> RowSamples:
+        """Return samples without stamps, of which each takes its time: if it lacks an input, the one before lasts.
+
+        ``before`` is the sample kept before, (1, q) or more; None: samples before all inputs are known are rejected.
+        """
+        u, y, _, _ = self
+        is_known, y = np.abs(u) <= LARGEST, np.where(np.abs(y) <= LARGEST, y, np.nan)
+        is_whole = is_known.all(axis=1)
+        begin = 0 if before is not None else int(np.argmax(is_whole))
+        if is_whole.all() or not (before is not None or is_whole.any()):
+            return self._replace(y=y)
+        held = last_known(
+            u[begin:], is_known[begin:], u[begin : begin + 1] if before is None else before[:, : u.shape[1]]
+        )
+        return self._replace(u=np.vstack([u[:begin], held]), y=np.where(is_whole, y, np.nan))
+
+
+def last_known(values: FloatArray, is_known: BoolArray, before: FloatArray) -> FloatArray:
+    """Return values (K, q) in which the last known one lasts; ``before`` (1, q) is known."""
+    newest = np.maximum.accumulate(np.where(is_known, 1 + np.arange(len(values))[:, None], 0), axis=0)
+    return np.take_along_axis(np.vstack([before, values]), newest, axis=0)
+
 
 class Screened(NamedTuple):
     """The fate of samples (K,)."""

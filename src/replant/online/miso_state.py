@@ -34,7 +34,15 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
 from replant.online.miso_recursion import RowRecursion
-from replant.online.miso_samples import REASONS, RowClock, RowHistory, RowSamples, RowSettings, Screened
+from replant.online.miso_samples import (
+    REASONS,
+    RowClock,
+    RowHistory,
+    RowSamples,
+    RowSettings,
+    Screened,
+    last_known,
+)
 from replant.verdict.miso_certainty import unsure, untold
 from replant.verdict.miso_tests import lacking
 from replant.verdict.verdict import Finding
@@ -124,6 +132,7 @@ class RowState:
         if self.clock.held:
             return self._with_held(given, errors, estimates)
         given = given._replace(y=np.where(np.isfinite(given.r).all(axis=1), given.y, np.nan))
+        given = given if given.t is not None else given.each_in_time(self.kept.values[-1:] if self.samples else None)
         u, y, t, r = given
         dt, is_first, is_alarm = self.settings.dt, self.recursion is None, False
         last = float(self.kept.values[-1, -1]) if self.samples else -math.inf
@@ -193,9 +202,7 @@ class RowState:
         if not r.size:
             return r
         before = self.kept.values[-1:, len(self.settings.structures) : -2]
-        r = np.vstack([before if len(before) else np.zeros((1, r.shape[1])), r])
-        newest = np.maximum.accumulate(np.where(np.isfinite(r), np.arange(len(r))[:, None], 0), axis=0)
-        return np.take_along_axis(r, newest, axis=0)[1:]
+        return last_known(r, np.isfinite(r), before if len(before) else np.zeros((1, r.shape[1])))
 
     def _attended(self) -> RowState:
         """Return the state after the work due: a test for a change, a solution of the record."""

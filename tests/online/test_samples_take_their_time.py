@@ -1,0 +1,59 @@
+"""Without stamps a sample that cannot be used takes its time: the input before lasts, and its output is missing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from support.builders import state
+
+DT, SAMPLES = 0.02, 1500
+PLANT, OTHER = rp.TransferFunction([6.0], [1.0, 3.0, 4.0]), rp.TransferFunction([2.0], [1.0, 2.0])
+UNUSABLE = np.array([np.nan, np.inf, -np.inf, 1e200])
+
+
+def measured(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two inputs (K, 2) and the output (K,) of both plants, of which one sample of 15 lacks an input."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.standard_normal((SAMPLES // 15, 2)), 15, axis=0)
+    y = PLANT.simulate(u[:, 0], DT) + OTHER.simulate(u[:, 1], DT) + 0.02 * rng.standard_normal(SAMPLES)
+    lost = rng.random(SAMPLES) < 1.0 / 15.0
+    u[lost, 0] = rng.choice(UNUSABLE, lost.sum())
+    return u, y
+
+
+def made(inputs: int) -> Any:
+    return rp.Identifier(poles=(2, 1), dt=DT) if inputs == 2 else rp.Identifier(poles=2, dt=DT)
+
+
+@pytest.mark.parametrize("inputs", [1, 2])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_estimate_is_right(inputs: int, seed: int) -> None:
+    u, y = measured(seed)
+    true = [3.0, 4.0, 6.0] if inputs == 1 else [3.0, 4.0, 6.0, 2.0, 2.0]
+    ident = made(inputs)
+    if inputs == 1:
+        y = y - OTHER.simulate(u[:, 1], DT)
+        u = u[:, 0]
+    ident.update_many(u, y)
+    ident.finish()
+    deviations = np.sqrt(np.diag(ident.covariance))
+    assert np.abs((ident.parameters - true) / deviations).max() < 4.5
+
+
+@pytest.mark.parametrize("inputs", [1, 2])
+def test_one_by_one_is_equal_to_the_bit(inputs: int) -> None:
+    u, y = measured(0)
+    u[:3, 1], u[1], u[2, 0], y[40:44] = 1.0, np.nan, 1.0, UNUSABLE
+    u, y = (u if inputs == 2 else u[:, 0].copy())[:600], y[:600]
+    whole, single = made(inputs), made(inputs)
+    whole.update_many(u, y)
+    for each, output in zip(u.tolist(), y.tolist(), strict=True):
+        single.update(each, output)
+    np.testing.assert_array_equal(single.parameters, whole.parameters)
+    assert (single.samples, single.rejected) == (whole.samples, whole.rejected)
+    if inputs == 1:
+        assert state(single) == state(whole)
