@@ -7,6 +7,7 @@ import pytest
 
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.linear_algebra import eigenvalues, least_norm, pseudo_inverse, roots, solve
+from replant.numerics.projections import Equations
 from support.cases import every
 
 NOT_NUMBERS = [np.nan, np.inf, -np.inf]
@@ -59,3 +60,15 @@ def test_least_squares_in_blocks_are_those_of_all_rows(samples: int, targets: tu
     assert rank == wanted_rank == 3
     np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-9 * np.abs(wanted).max())
     np.testing.assert_allclose(singular[:3], wanted_singular[:3], rtol=1e-9)
+
+
+@every("damping", [0.0, 1e-6, 1e-3, 10.0])
+def test_one_decomposition_serves_each_damping(damping: float) -> None:
+    """In any units; a direction without information does not move, nor does anything without a number."""
+    columns = np.random.default_rng(1).standard_normal((20, 4)) * [1e-6, 1.0, 1e3, 1e8]
+    matrix, vector = columns.T @ columns, columns[0]
+    exact = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), vector)
+    assert Equations.of(matrix).solved(vector, damping) == pytest.approx(exact, rel=1e-9)
+    wider = np.pad(matrix, (0, 1))
+    assert Equations.of(wider).solved(np.append(vector, 0.0), damping) == pytest.approx([*exact, 0.0], rel=1e-9)
+    assert not Equations.of(np.full((4, 4), np.nan)).solved(vector, damping).any()

@@ -14,6 +14,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -99,6 +100,14 @@ def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
         return np.linalg.eigvals(companion).astype(np.complex128)
     except np.linalg.LinAlgError:
         return np.full(np.trim_zeros(polynomial, "f").size - 1, complex(np.nan, np.nan))
+
+
+@lru_cache(maxsize=64)  # the steps of a row ask for those of one model up to four times
+def poles_of(denominator: bytes) -> npt.NDArray[np.complex128]:
+    """Return the roots of s^n + a' (s^(n-1) .. 1), not to be changed, by the bytes of a (n,)."""
+    poles = roots(np.append(1.0, np.frombuffer(denominator)))
+    poles.flags.writeable = False
+    return poles
 
 
 @quiet

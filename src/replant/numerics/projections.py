@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from replant.kernels.schema import LAGUERRE
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import combined, least_norm, products
+from replant.numerics.linear_algebra import combined, least_norm, products, quiet
 
 TAKEN_AWAY = 1e-9  # length of a column, something taken off, that is rounding: a million times it [part of it before]
 LEFT = 1e-6  # length left of a column below which it cannot be told from known ones: the root of rounding [part of it]
@@ -34,6 +35,32 @@ def orthogonal(matrix: FloatArray) -> FloatArray:
         return np.zeros((len(matrix), 0))
     kept = values > WEAKEST * max(float(values[-1]), np.finfo(float).tiny)
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+
+
+class Equations(NamedTuple):
+    """Normal equations M x = v, decomposed once for any damping."""
+
+    values: FloatArray  # (R,), ascending: eigenvalues of M with a diagonal of ones
+    vectors: FloatArray  # (P, R): its eigenvectors, in the units of x
+
+    @classmethod
+    def of(cls, matrix: FloatArray) -> Equations:
+        """Decompose a symmetric matrix M (P, P); R is 0 where that fails."""
+        lengths = np.sqrt(np.diag(matrix))
+        units = np.where(lengths > 0.0, lengths, 1.0)
+        scaled = matrix / np.outer(units, units)
+        try:
+            values, vectors = np.linalg.eigh(scaled if np.isfinite(scaled).all() else scaled[:0, :0])
+        except np.linalg.LinAlgError:
+            return cls(np.zeros(0), np.zeros((len(matrix), 0)))
+        return cls(values, vectors / units[:, None] if values.size else np.zeros((len(matrix), 0)))
+
+    @quiet
+    def solved(self, vector: FloatArray, damping: float = 0.0) -> FloatArray:
+        """Return x (P,) for v (P,), M plus a part of its diagonal; it does not move in undetermined directions."""
+        values = self.values + damping
+        weights = np.where(values > WEAKEST * values.max(initial=0.0), 1.0 / values, 0.0)
+        return np.asarray(self.vectors @ (weights * (self.vectors.T @ vector)))
 
 
 def without(columns: FloatArray, nuisances: FloatArray) -> FloatArray:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 
-from replant.estimation.simulation.miso import Row, RowRecord
-from replant.estimation.solver.miso_change import find_change, plant_change
-from replant.estimation.solver.miso_steps import start
+from replant.estimation.simulation.miso import Point, Row, RowRecord
+from replant.estimation.solver import miso_change
+from replant.estimation.solver.miso_change import Judge, find_change, likeliest_change, plant_change
+from replant.estimation.solver.miso_steps import path, start
 from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
@@ -83,3 +85,23 @@ def test_of_outputs_that_a_model_explains_to_the_bit_nothing_has_changed() -> No
     ready = RowRecord.of(u, np.zeros(300), DT, begins=(150,))
     row = Row(STRUCTURES, ready.record, ready.inputs)
     assert plant_change(row, 150, np.array([0.5, 0.0, 3.0, 0.0])) is None
+
+
+def test_no_path_is_followed_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Suppositions at several samples share what does not depend on the sample."""
+    followed = []
+
+    def follow(row: Row, theta: FloatArray, noise: Any, *others: Any, **named: Any) -> Iterator[Point]:
+        followed.append((row.record.y.tobytes(), row.record.begins, theta.tobytes(), noise.coefficients.tobytes()))
+        return path(row, theta, noise, *others, **named)
+
+    monkeypatch.setattr(miso_change, "path", follow)
+    rng = np.random.default_rng(0)
+    u = rng.choice([-1.0, 1.0], (60, 1)).repeat(10, axis=0)
+    y = PLANT[0].simulate(u[:, 0].copy(), DT) + 0.3 * (np.arange(600) >= 300) + 0.1 * rng.standard_normal(600)
+    ready = RowRecord.of(u, y, DT)
+    row, theta = Row(STRUCTURES[:1], ready.record, ready.inputs), np.array([0.51, 2.03])
+    likeliest_change(row, theta, [Judge.of(row, 1.2 * theta)], of_any_noise=False)
+    assert len(followed) > 4
+    # the samples before the first one are also those before any
+    assert len(followed) - len(set(followed)) <= 1

@@ -25,7 +25,7 @@ from replant.estimation.filters import RefinedFilter
 from replant.kernels.schema import STATE_ARRAYS
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.numerics.linear_algebra import combined, roots, sum_of_squares
+from replant.numerics.linear_algebra import combined, poles_of, sum_of_squares
 from replant.numerics.projections import amounts_of, without
 
 SLOWEST = 0.01  # least distance of a filter's pole from the axis: within 1 % of an integrator [1 / duration]
@@ -105,9 +105,9 @@ def _state_of(structure: Structure, dt: float, input_hold: str, *, reference: bo
     return State.build(structure, dt, RefinedFilter(input_hold), reference=reference)
 
 
-@lru_cache(maxsize=16)  # a point asks three times, and the roots take as long as a tenth of its run
+@lru_cache(maxsize=16)  # each stretch of a point asks three times
 def _slowest(denominators: tuple[bytes, ...]) -> int:
-    return int(np.argmax([float(roots(np.append(1.0, np.frombuffer(each))).real.max()) for each in denominators]))
+    return int(np.argmax([float(poles_of(each).real.max()) for each in denominators]))
 
 
 class AuxiliaryModel:

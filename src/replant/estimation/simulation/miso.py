@@ -25,7 +25,7 @@ from replant.model.structure import Structure, places_of
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
-from replant.numerics.linear_algebra import combined, products, quiet, roots, sum_of_squares
+from replant.numerics.linear_algebra import combined, poles_of, products, quiet, sum_of_squares
 from replant.numerics.projections import lengths_of, orthogonal
 
 NEAR_AXIS = 1e-6  # distance from the axis of a pole that is put on it [1 / duration]
@@ -134,7 +134,7 @@ class Row:
     def poles(self, theta: FloatArray) -> list[npt.NDArray[np.complex128]]:
         """Return the poles of each branch."""
         pairs = zip(self.structures, self.branches(theta), strict=True)
-        return [roots(np.append(1.0, branch[structure.denominator])) for structure, branch in pairs]
+        return [poles_of(branch[structure.denominator].tobytes()) for structure, branch in pairs]
 
     def is_stable(self, theta: FloatArray) -> bool:
         """Whether all poles lie left of the imaginary axis."""
@@ -150,13 +150,14 @@ class Row:
         theta, moved = theta.copy(), 0.0
         for rows, structure in zip(self.places, self.structures, strict=True):
             for _ in range(ROUNDS):
-                denominator = np.append(1.0, theta[rows][structure.denominator])
-                poles = roots(denominator)
+                a = theta[rows][structure.denominator]
+                poles = poles_of(a.tobytes())
                 pole = poles[np.argmax(poles.real)]
                 if not pole.real >= 0.0:
                     break
-                slope, powers = np.zeros(theta.size), pole ** np.arange(structure.poles - 1.0, -1.0, -1.0)
-                slope[rows][structure.denominator] = (-powers / np.polyval(np.polyder(denominator), pole)).real
+                orders = np.arange(structure.poles, 0.0, -1.0)
+                slope, powers = np.zeros(theta.size), pole ** (orders - 1.0)
+                slope[rows][structure.denominator] = (-powers / ((orders * np.append(1.0, a[:-1])) @ powers)).real
                 way = along(slope)
                 variance = float(slope @ way)
                 theta -= way * (pole.real + NEAR_AXIS / self.record.span) / variance

@@ -105,7 +105,12 @@ def _surest(
     row: Row, begins: set[int], models: list[FloatArray], noise: Autoregression, of_any_noise: bool = True
 ) -> Change | None:
     """Return the surest change at one of some samples; None if none is sure."""
-    claims = [claim for begin in sorted(begins) for claim in _claims(row, begin, models, noise, of_any_noise)]
+    numbers, alike = row.nuisances + models[0].size, _ends(row, models, noise)
+    long_enough = [begin for begin in sorted(begins) if all(part.count > numbers for part in row.parted(begin))]
+    before = {begin: _best(row.parted(begin)[0], models, noise) for begin in long_enough}
+    claims = [
+        claim for begin in before for claim in _claims(row, begin, before[begin], alike, models, noise, of_any_noise)
+    ]
     load, plant = (
         max((each for each in claims if each.supposition is what), key=lambda each: each.evidence, default=None)
         for what in (Supposition.LOAD, Supposition.PLANT)
@@ -113,7 +118,8 @@ def _surest(
     if load is None or plant is None:
         return None
     base, part = max(load.evidence, 0.0), row.parted(plant.begin)[0]
-    more = weighed(plant.evidence - base, *dispersion_before(part, models, noise, row.record.u.size - plant.begin))
+    theta, length = before[plant.begin].theta, row.record.u.size - plant.begin
+    more = weighed(plant.evidence - base, *dispersion_before(part, theta, noise, length))
     odds = -math.log(ALPHA)
     # a change that a load explains nearly as well counts as a load, which is tested again
     best = replace(plant, evidence=base + more) if more > (odds if base > odds else 0.0) else load
@@ -189,21 +195,24 @@ def _model_before(before: Row, theta: FloatArray, judges: Sequence[Judge]) -> tu
     for _ in range(2):
         if not judges:
             models += [each.theta for each in start(before.structures, before.record, before.inputs, noise)[:1]]
-        point = _best(before, models, noise)
+        point, last = _best(before, models, noise), noise
         noise = noise_of(before, point)
+        if noise.order == last.order == 0:  # the same paths would lead to the same point again
+            break
     return point.theta, noise
 
 
 def _claims(
-    row: Row, begin: int, models: list[FloatArray], noise: Autoregression, of_any_noise: bool
-) -> Iterator[Change]:
-    """Yield a load and a change of the plant at a sample with their evidence, if there are enough samples."""
-    parts, numbers = row.parted(begin), row.nuisances + models[0].size
-    if any(part.count <= numbers for part in parts):
-        return
-    broken = row.over(replace(row.record, begins=(begin,)))
-    before, since, load = (_best(each, models, noise) for each in (*parts, broken))
-    nothing = _best(row, [*models, load.theta, since.theta], noise)
+    row: Row, begin: int, before: Point, alike: list[Point], models: list[FloatArray], noise: Autoregression,
+    of_any_noise: bool,
+) -> Iterator[Change]:  # fmt: skip
+    """Yield a load and a change of the plant at a sample with their evidence.
+
+    The best point of the samples ``before``, and the points of all samples that the models lead to, are known.
+    """
+    numbers, broken = row.nuisances + models[0].size, row.over(replace(row.record, begins=(begin,)))
+    since, load = (_best(each, models, noise) for each in (row.parted(begin)[1], broken))
+    nothing = _best(row, [load.theta, since.theta], noise, alike)
     fitted = [
         (Supposition.LOAD, load.cost, row.nuisances),
         (Supposition.LOAD, _cost_of_step(row, begin, load.theta, noise), 1),
@@ -264,11 +273,9 @@ def _costs_of_branches(row: Row, begin: int, theta: FloatArray, noise: Autoregre
         yield point.cost, structure.size + structure.poles
 
 
-def dispersion_before(
-    before: Row, models: Sequence[FloatArray], noise: Autoregression, length: int
-) -> tuple[float, float]:
-    """Return `dispersion_of` the samples before a change, in stretches of ``length``."""
-    model = _Fitted.of(before, _best(before, models, noise).theta)
+def dispersion_before(before: Row, theta: FloatArray, noise: Autoregression, length: int) -> tuple[float, float]:
+    """Return `dispersion_of` a model of the samples before a change, in stretches of ``length``."""
+    model = _Fitted.of(before, theta)
     score, white = model.whitened(noise)
     variance = sum_of_squares(white) / max(before.count - score.shape[1], 1)
     return dispersion_of(score, white, np.arange(score.shape[1]) < model.size, length, variance)
@@ -276,17 +283,25 @@ def dispersion_before(
 
 def dispersion(row: Row, judge: Judge, length: int | None = None) -> tuple[float, float]:
     """Return the mean `dispersion_of` a model over the stretches of a row, and its degrees of freedom."""
-    parts = (row.part(stretch.rows) for stretch in row.stretches)
-    found = [dispersion_before(part, [judge.theta], judge.noise, length or part.record.u.size) for part in parts]
+    parts = [row.part(stretch.rows) for stretch in row.stretches]
+    models = (_best(part, [judge.theta], judge.noise).theta for part in parts)
+    found = [
+        dispersion_before(part, theta, judge.noise, length or part.record.u.size)
+        for part, theta in zip(parts, models, strict=True)
+    ]
     known = [(each, numbers) for each, numbers in found if math.isfinite(numbers)]
     numbers = sum(count for _, count in known)
     return (sum(each * count for each, count in known) / numbers, numbers) if numbers else (1.0, math.inf)
 
 
-def _best(row: Row, models: Sequence[FloatArray], noise: Autoregression) -> Point:
-    """Return the point of least cost among those refined from some models."""
-    paths = (path(row, theta, noise, done=_told(row)) for theta in models)
-    return min(ends_of(row, paths), key=lambda point: point.cost)
+def _best(row: Row, models: Sequence[FloatArray], noise: Autoregression, known: Sequence[Point] = ()) -> Point:
+    """Return the point of least cost among ``known`` ones and those refined from some models."""
+    return min(_ends(row, models, noise, known), key=lambda point: point.cost)
+
+
+def _ends(row: Row, models: Sequence[FloatArray], noise: Autoregression, known: Sequence[Point] = ()) -> list[Point]:
+    """Return ``known`` points of a row, and the distinct ones refined from some models."""
+    return ends_of(row, (path(row, theta, noise, done=_told(row)) for theta in models), known=known)
 
 
 def _told(row: Row) -> float:

@@ -31,7 +31,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import combined, least_norm, quiet, roots, sum_of_squares
-from replant.numerics.projections import WEAKEST, orthogonal
+from replant.numerics.projections import WEAKEST, Equations, orthogonal
 
 STEPS = 30  # most steps [count]
 
@@ -84,11 +84,12 @@ def _improved(row: Row, noise: Autoregression, point: Point, damping: float) -> 
     matrix, vector = point.information, summed(point.phi, point.error)
     if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
         return None, damping
-    if vector @ solved(matrix, vector) <= STILL * point.cost / max(row.count, 1):
+    equations = Equations.of(matrix)
+    if vector @ equations.solved(vector) <= STILL * point.cost / max(row.count, 1):
         return None, damping
     for _ in range(1 if is_exact(row, point) else tries):  # a smaller step does not reduce rounding
-        damped = matrix + damping * np.diag(np.diag(matrix))
-        theta = row.on_axis(point.theta + solved(damped, vector), partial(solved, damped))[0]
+        damped = partial(equations.solved, damping=damping)
+        theta = row.on_axis(point.theta + damped(vector), damped)[0]
         if row.is_stable(theta):
             tried = evaluate(row, theta, noise, point)
             if tried.cost <= point.cost:
@@ -104,9 +105,11 @@ def is_near(row: Row, point: Point, other: Point) -> bool:
     return all(bool(move @ each.information @ move <= each.cost / max(row.count, 1)) for each in (point, other))
 
 
-def ends_of(row: Row, paths: Iterable[Iterator[Point]], most: float = math.inf) -> list[Point]:
-    """Return the ends of paths, at most ``most``, without paths that come near the end of an earlier one."""
-    ends: list[Point] = []
+def ends_of(
+    row: Row, paths: Iterable[Iterator[Point]], most: float = math.inf, known: Sequence[Point] = ()
+) -> list[Point]:
+    """Return ``known`` ends and those of paths, at most ``most``, without paths that come near an earlier end."""
+    ends = list(known)
     for each in paths:
         if len(ends) == most:
             break
