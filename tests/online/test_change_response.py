@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,7 @@ from scipy.signal import lfilter
 import replant as rp
 from replant.kernels.monitoring import outliers
 from replant.kernels.schema import Alarm
-from replant.online import lifecycle, revision
+from replant.online import change_response, lifecycle, revision
 from replant.online.revision import GROWTH
 from support.builders import DT, binary, true_parameters
 from support.cases import every
@@ -314,3 +316,26 @@ def test_a_gain_of_the_other_sign_is_followed(seed: int) -> None:
     ident = rp.Identifier(poles=1, dt=0.1)
     ident.update_many(u, y + 0.3 * y.std() / noise.std() * noise)
     assert ident.parameters == pytest.approx([0.5, -2.0], rel=0.1)
+
+
+def test_one_model_of_all_samples_is_solved_for_only_where_it_may_win(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two poles for a plant of four: each stretch is fitted differently, and no solution of all samples could win."""
+    plant = rp.TransferFunction([6e5], [1.0, 78.0, 1940.0, 1.7e4, 3e4])
+    rng, called = np.random.default_rng(2), Counter[str]()
+
+    def counted(name: str) -> Callable[..., Any]:
+        function = getattr(change_response, name)
+
+        def counting(*arguments: Any, **named: Any) -> Any:
+            called[name] += 1
+            return function(*arguments, **named)
+
+        return counting
+
+    for name in ("solve", "decided"):
+        monkeypatch.setattr(change_response, name, counted(name))
+    u = np.repeat(rng.standard_normal(40), 40)
+    y = plant.simulate(u, 0.001)
+    rp.Identifier(rp.Structure(2, 1), 0.001).update_many(u, y + 0.003 * y.std() * rng.standard_normal(u.size))
+    assert called["decided"] >= 4
+    assert called["solve"] <= 1

@@ -24,7 +24,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
 from replant.estimation.solver.bad_samples import suspicious
-from replant.estimation.solver.change_contest import Claim, Contest, decided, is_sure, odds_of
+from replant.estimation.solver.change_contest import Claim, Contest, decided, is_sure, odds_of, would_change
 from replant.estimation.solver.change_evidence import Known
 from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import SOONEST, least_since
@@ -83,7 +83,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         contests = {at: Contest(settings.structure, record, at, present) for at in begins}
         claims = [claim for contest in contests.values() for claim in contest.claims()]
         if claims and remembers_since_change(old, settings):
-            claims += _one_model(old, settings, contests[max(begin, 1)])
+            claims += _one_model(old, settings, contests[max(begin, 1)], claims)
         found = decided(claims)
     if found is None:
         return old, later
@@ -148,26 +148,34 @@ def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | N
     return Contest(settings.structure, record, begin, known, parted - first if parted else None)
 
 
-def _one_model(old: State, settings: Settings, since_alarm: Contest) -> list[Claim]:
+def _one_model(old: State, settings: Settings, since_alarm: Contest, rivals: list[Claim]) -> list[Claim]:
     """Return claims on an alarm that involve older samples: the last change was another one, or the model was wrong."""
     if old.gap_at > max(old.record_began, old.changed_at):
         return []
     if not old.changed_at:
-        return of_whole(old, settings, since_alarm, old.record_began)
+        return of_whole(old, settings, since_alarm, old.record_began, rivals)
     present = since_alarm.known
     contest = since_change(old, settings, old.samples - since_alarm.since.u.size)
     if contest is None:
         return []
-    claims = [*contest.claims(again=True), *of_whole(old, settings, contest, gap_before(old))]
     # these claims are relative to NOTHING since the change; the others to the present model, with its penalty
     goes_on = contest.stretch.of_usual(present.error[-contest.rows :], present.noise, present.variance, last=True)
     base, odds = goes_on - contest.usual - old.change_price, odds_of(old.change)
+    claims = contest.claims(again=True)
+    others = [replace(claim, likelihood=claim.likelihood + base, odds=claim.odds + odds) for claim in rivals]
+    claims += of_whole(old, settings, contest, gap_before(old), [*others, *claims])
     return [replace(claim, likelihood=claim.likelihood - base, odds=claim.odds - odds) for claim in claims]
 
 
-def of_whole(old: State, settings: Settings, contest: Contest, began: int) -> list[Claim]:
-    """Return the claim that one model holds for all samples after ``began``; none if not all of them are kept."""
+def of_whole(old: State, settings: Settings, contest: Contest, began: int, rivals: list[Claim]) -> list[Claim]:
+    """Return the claim that one model holds for all samples after ``began``, if that may change what is decided on.
+
+    None if not all of the samples are kept.
+    """
     if old.samples - contest.record.u.size > began:
+        return []
+    models = [old.physical, *(claim.theta for claim in rivals if claim.supposition is not Supposition.CUT)]
+    if not would_change(rivals, contest.hopeful(models)):
         return []
     solution = solve(settings.structure, contest.record, [old.physical, contest.known.mean])
     if solution is None or not solution.found.settled:

@@ -107,7 +107,7 @@ def reconsider(old: State, settings: Settings) -> State | None:
     if contest is None:
         return None
     claims = contest.claims(again=True)
-    claims += of_whole(old, settings, contest, gap_before(old)) if claims else []
+    claims += of_whole(old, settings, contest, gap_before(old), claims) if claims else []
     found = decided(claims)
     if found is None:
         return None

@@ -134,6 +134,14 @@ def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
     return not any(best.contest.differ(claim.theta, best.theta) for claim in close)
 
 
+def would_change(claims: Sequence[Claim], other: Claim) -> bool:
+    """Return whether another claim would change what is decided on among some, or whether that is sure."""
+    found, both = decided(claims), [*claims, other]
+    if decided(both) is not found:
+        return True
+    return found is not None and is_sure(claims, found) and not is_sure(both, found)
+
+
 def weighed(claims: Sequence[Claim]) -> list[Claim]:
     """Return the claims, the gain of a change of G(s) over the claims of one G(s) weighed by `Contest.weighed`."""
     same = [claim for claim in claims if not (claim.supposition.is_of_plant or claim.supposition is Supposition.CUT)]
@@ -235,6 +243,15 @@ class Contest:
         likeliest = self._likelihood_of_all(self._whole.polish(model, whitened=True)[0])
         more = max(likeliest - likelihood, 0.0) if math.isfinite(likelihood) else 0.0
         return self._claim(Supposition.WHOLE, likelihood, model=model, solution=solution, unserved=more)
+
+    @quiet
+    def hopeful(self, models: Sequence[FloatArray]) -> Claim:
+        """Return the claim that `whole` may lead to at best, from the likeliest of the models (T,) at hand."""
+        self._whole.noise = self.known.noise
+        start = max((with_nuisances(self._whole, model) for model in models), key=self._likelihood_of_all)
+        ends = start, self._whole.polish(start, whitened=True)[0]
+        # a solution ends elsewhere: it is supposed to be surely likelier
+        return self._claim(Supposition.WHOLE, max(map(self._likelihood_of_all, ends)) - math.log(ALPHA), model=ends[1])
 
     def _likelihood_of_all(self, model: FloatArray) -> float:
         """Return the log-likelihood ratio to NOTHING of one model for the samples before and since."""
