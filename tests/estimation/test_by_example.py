@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from numpy.typing import NDArray
 
 from replant.estimation.engine.dimensions import room_for
 from replant.estimation.engine.record import Record, gaps_of
@@ -14,20 +17,40 @@ from replant.estimation.simulation.model_run import Score, model_output, runs_aw
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.robust import flags_of, joined, stretches_of
+from support.cases import every
+
+#: Each is called when its case runs: what one raises is the failure of that case.
+VALUES: list[tuple[str, Callable[[], object], object]] = [
+    ("room_for", lambda: [room_for(samples, 30_000) for samples in (0, 1023, 1024, 20_000, 10**6)],
+     [1024, 1024, 2048, 30000, 30000]),
+    ("unknown", lambda: [Record(np.zeros(9), np.zeros(9), np.array([0.1])).unknown(d) for d in (0.0, 0.3, 0.32, 5.0)],
+     [0, 3, 4, 9]),
+    ("rounded", lambda: rounded(0.000122159), 0.000122),
+    ("filter_for zoh", lambda: filter_for("zoh"), "auto"),
+    ("filter_for foh", lambda: repr(filter_for("foh")), "RefinedFilter(input_hold='foh')"),
+    ("runs_away", lambda: runs_away(np.array([1.0, -1.0]), 20.0), True),
+    ("runs_away, integrator", lambda: runs_away(np.array([1.0, 1.0, 0.0]), 20.0), False),
+    ("stretches_of", lambda: stretches_of(np.array([False, True, True, False, True]), first=10).tolist(),
+     [[11, 13], [14, 15]]),
+    ("flags_of", lambda: flags_of(np.array([[11, 13], [14, 15]]), 12, 4).tolist(), [True, False, True, False]),
+    ("joined", lambda: joined(np.array([[1, 2], [3, 4], [9, 10]]), 1).tolist(), [[1, 4], [9, 10]]),
+]  # fmt: skip
+ARRAYS: list[tuple[str, Callable[[], NDArray[np.generic]], object]] = [
+    ("gaps_of", lambda: gaps_of(np.array([1.0, 1.0, 9.0, 1.0, 9.0, 9.0, 9.0]), 1.0), [2]),
+    ("triangle_of", lambda: np.abs(triangle_of(np.ones(4), np.array([1.0, 3.0, np.nan, 5.0]))).round(4),
+     [[1.7321, 5.1962], [0.0, 2.8284]]),
+    ("weights_of", lambda: weights_of(triangle_of(np.ones(3), np.array([1.0, 3.0, 5.0]))).round(9), [3.0]),
+]  # fmt: skip
 
 
-def test_room_for() -> None:
-    assert [room_for(samples, 30_000) for samples in (0, 1023, 1024, 20_000, 10**6)] == [
-        1024,
-        1024,
-        2048,
-        30000,
-        30000,
-    ]
+@every("call, expected", [row[1:] for row in VALUES], ids=[row[0] for row in VALUES])
+def test_values(call: Callable[[], object], expected: object) -> None:
+    assert call() == expected
 
 
-def test_gaps_of() -> None:
-    np.testing.assert_allclose(gaps_of(np.array([1.0, 1.0, 9.0, 1.0, 9.0, 9.0, 9.0]), 1.0), np.array([2]), atol=1e-8)
+@every("call, expected", [row[1:] for row in ARRAYS], ids=[row[0] for row in ARRAYS])
+def test_arrays(call: Callable[[], NDArray[np.generic]], expected: object) -> None:
+    np.testing.assert_allclose(call(), expected, atol=1e-8)
 
 
 def test_record_restored() -> None:
@@ -38,20 +61,6 @@ def test_record_restored() -> None:
         [True, True, False, False, True, True],
         [0, 1, 4, 5],
     )
-
-
-def test_record_unknown() -> None:
-    record = Record(np.zeros(9), np.zeros(9), np.array([0.1]))
-    assert [record.unknown(delay) for delay in (0.0, 0.3, 0.32, 5.0)] == [0, 3, 4, 9]
-
-
-def test_rounded() -> None:
-    assert rounded(0.000122159) == 0.000122
-
-
-def test_filter_for() -> None:
-    assert filter_for("zoh") == "auto"
-    assert repr(filter_for("foh")) == "RefinedFilter(input_hold='foh')"
 
 
 def test_auxiliarymodel() -> None:
@@ -70,41 +79,11 @@ def test_fittedrun() -> None:
     assert (round(run.offset, 6), bool(np.abs(output - known).max() < 1e-9)) == (5.0, True)
 
 
-def test_triangle_of() -> None:
-    np.testing.assert_allclose(
-        np.abs(triangle_of(np.ones(4), np.array([1.0, 3.0, np.nan, 5.0]))).round(4),
-        np.array([[1.7321, 5.1962], [0.0, 2.8284]]),
-        atol=1e-8,
-    )
-
-
-def test_weights_of() -> None:
-    np.testing.assert_allclose(
-        weights_of(triangle_of(np.ones(3), np.array([1.0, 3.0, 5.0]))).round(9), np.array([3.0]), atol=1e-8
-    )
-
-
 def test_model_output() -> None:
     g = TransferFunction([1.0], [1.0, -1.0])
     u = np.sin(np.arange(40.0))
     found = model_output(g, u, g.simulate(u, 0.1), 0.1)
     assert (found.is_prediction, found.fit > 99.0) == (True, True)
-
-
-def test_runs_away() -> None:
-    assert (runs_away(np.array([1.0, -1.0]), 20.0), runs_away(np.array([1.0, 1.0, 0.0]), 20.0)) == (True, False)
-
-
-def test_stretches_of() -> None:
-    assert stretches_of(np.array([False, True, True, False, True]), first=10).tolist() == [[11, 13], [14, 15]]
-
-
-def test_flags_of() -> None:
-    assert flags_of(np.array([[11, 13], [14, 15]]), 12, 4).tolist() == [True, False, True, False]
-
-
-def test_joined() -> None:
-    assert joined(np.array([[1, 2], [3, 4], [9, 10]]), 1).tolist() == [[1, 4], [9, 10]]
 
 
 def test_simulate() -> None:
