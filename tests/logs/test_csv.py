@@ -67,44 +67,31 @@ def test_every_encoding_is_recognized(write: Write, encoding: str) -> None:
     assert table.column("t [°c]").tolist() == [20.5, 21.5]
 
 
-def test_names_keep_their_units_and_quoted_delimiters(write: Write) -> None:
-    assert read_columns(write('time [s],"force, raw [N]"\n0,1\n1,2\n')).names == ("time [s]", "force, raw [N]")
-    assert read_columns(write("time [s]  u (V) y\n0 1 2\n1 2 3\n")).names == ("time [s]", "u (V)", "y")
+NAN = np.nan
+COLUMNS: dict[str, tuple[str, tuple[str, ...], dict[str | int, list[float]]]] = {
+    "units, quoted delimiter": ('time [s],"force, raw [N]"\n0,1\n1,2\n', ("time [s]", "force, raw [N]"), {}),
+    "units, blanks": ("time [s]  u (V) y\n0 1 2\n1 2 3\n", ("time [s]", "u (V)", "y"), {}),
+    "no header": ("0.0,1.5,2\n0.1,2.5,4\n", ("0", "1", "2"), {1: [1.5, 2.5], "1": [1.5, 2.5]}),
+    "no header, text": ("0.0,RUN,1.5\n0.1,RUN,2.5\n", ("0", "1", "2"), {2: [1.5, 2.5]}),
+    "a name comes before a number": ("t,2,1\n0.0,1.5,2\n0.1,2.5,4\n", ("t", "2", "1"),
+                                     {"2": [1.5, 2.5], 2: [2.0, 4.0]}),
+    "quoted": ('t,"the ""raw"" u",5" pipe\n0,"1","2" \n1, "2",""\n', ("t", 'the "raw" u', '5" pipe'),
+               {1: [1.0, 2.0], 2: [2.0, NAN]}),
+    "text beside": ("date;u;state\n01.02.2024 10:00;1,5;RUN\n01.02.2024 10:01;2,5;STOP\n", ("date", "u", "state"),
+                    {"u": [1.5, 2.5]}),
+    "missing and infinite": ("t,u,y\n0,,1\n1,nan,inf\n2,NA,-inf\n3,NaN,Infinity\n4,n/a,1e400\n5,7,\n", ("t", "u", "y"),
+                             {"u": [NAN] * 5 + [7.0], "y": [1.0, np.inf, -np.inf, np.inf, np.inf, NAN]}),
+}  # fmt: skip
 
 
-def test_without_header_columns_are_numbered(write: Write) -> None:
-    table = read_columns(write("0.0,1.5,2\n0.1,2.5,4\n"))
-    assert table.names == ("0", "1", "2")
-    assert table.column(1).tolist() == table.column("1").tolist() == [1.5, 2.5]
-
-
-def test_without_header_a_text_column_is_not_taken_for_one(write: Write) -> None:
-    table = read_columns(write("0.0,RUN,1.5\n0.1,RUN,2.5\n"))
-    assert table.names == ("0", "1", "2")
-    assert table.column(2).tolist() == [1.5, 2.5]
-
-
-def test_numbers_may_be_names(write: Write) -> None:
-    table = read_columns(write("t,2,1\n0.0,1.5,2\n0.1,2.5,4\n"))
-    assert table.names == ("t", "2", "1")
-    assert table.column("2").tolist() == [1.5, 2.5]  # a name before a number
-    assert table.column(2).tolist() == [2.0, 4.0]
-
-
-def test_a_column_without_name_has_its_number(write: Write) -> None:
-    assert read_columns(write(",u,y\n0,1,2\n1,2,3\n")).names == ("0", "u", "y")
-
-
-def test_missing_cells_are_nan_and_infinities_stay(write: Write) -> None:
-    path = write("t,u,y\n0,,1\n1,nan,inf\n2,NA,-inf\n3,NaN,Infinity\n4,n/a,1e400\n5,7,\n")
-    u, y = read_columns(path).columns(["u", "y"])
-    np.testing.assert_array_equal(u, [np.nan] * 5 + [7.0])
-    np.testing.assert_array_equal(y, [1.0, np.inf, -np.inf, np.inf, np.inf, np.nan])
-
-
-def test_text_in_a_column_that_is_not_asked_for_does_not_matter(write: Write) -> None:
-    path = write("date;u;state\n01.02.2024 10:00;1,5;RUN\n01.02.2024 10:01;2,5;STOP\n")
-    assert read_columns(path).column("u").tolist() == [1.5, 2.5]
+@every(("text", "names", "columns"), COLUMNS.values(), ids=COLUMNS)
+def test_columns_have_their_names_and_numbers(
+    write: Write, text: str, names: tuple[str, ...], columns: dict[str | int, list[float]]
+) -> None:
+    table = read_columns(write(text))
+    assert table.names == names
+    for key, values in columns.items():
+        np.testing.assert_array_equal(table.column(key), values)
 
 
 #: Bytes of a block: less than a line, some lines, and an odd number that cuts lines anywhere.
@@ -239,6 +226,14 @@ BAD = {
         f't,"{"x" * 140_000}",y\n0,1,2\n1,2,3\n',
         "line 1, column 1: '" + "x" * 40 + "...' is a name of 140",
     ),
+    "text cell in row 5000": (
+        "t,u,y\n" + "".join(f"{k * 0.1:.1f},{'stuck' if k == 4998 else k % 7},{k % 5}\n" for k in range(6000)),
+        "line 5000, column 'u': 'stuck' is not a number",
+    ),
+    "name or damaged number": (
+        "0,1.5x,2\n0.1,2.5,4\n",
+        "line 1, column 1: '1.5x' is a name or a damaged number; correct it, or put #",
+    ),
     "long text": ("t,u,y\n0,1,2\n1," + "x" * 999 + ",3\n", "'" + "x" * 40 + "...' is not a number"),
 }
 
@@ -250,12 +245,6 @@ def test_a_bad_file_is_refused_in_one_line(write: Write, content: str | bytes, m
         read_log(path, input=1, output=2, dt=0.1)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
-
-
-def test_quoted_cells_are_unquoted(write: Write) -> None:
-    table = read_columns(write('t,"the ""raw"" u",5" pipe\n0,"1","2" \n1, "2",""\n'))
-    assert table.names == ("t", 'the "raw" u', '5" pipe')
-    np.testing.assert_array_equal(table.columns([1, 2]), [[1.0, 2.0], [2.0, np.nan]])
 
 
 HEADERLESS = {
@@ -305,13 +294,6 @@ def test_names_that_are_none_of_a_damaged_row(write: Write, text: str, names: tu
     assert read_columns(write(text)).names == names
 
 
-def test_names_that_may_be_a_damaged_row_say_what_to_do(write: Write) -> None:
-    with pytest.raises(
-        LogError, match=r"line 1, column 1: '1\.5x' is a name or a damaged number; correct it, or put #"
-    ):
-        read_columns(write("0,1.5x,2\n0.1,2.5,4\n"))
-
-
 @pytest.mark.slow
 @every("header", ["{}", '"{}"', "c{}", None], ids=["numbers", "quoted", "names", "none"], quick=2)
 def test_a_hundred_thousand_columns_are_opened(write: Write, header: str | None) -> None:
@@ -330,13 +312,6 @@ def test_a_line_without_end_is_refused(write: Write, monkeypatch: pytest.MonkeyP
         with pytest.raises(LogError, match=r"is longer than .* characters; write one line for each sample") as caught:
             read_columns(write(text)).column(0)
         assert f"log.csv: line {number} " in str(caught.value)
-
-
-def test_a_text_cell_in_row_5000_is_named_with_its_line(write: Write) -> None:
-    rows = [f"{k * 0.1:.1f},{k % 7},{k % 5}\n" for k in range(6000)]
-    rows[4998] = "499.8,stuck,1\n"
-    with pytest.raises(LogError, match=r"line 5000, column 'u': 'stuck' is not a number"):
-        read_log(write("t,u,y\n" + "".join(rows)), input="u", output="y")
 
 
 @block_sizes

@@ -46,10 +46,18 @@ def test_dates_are_read_as_seconds(write: Write) -> None:
     assert read_log(path, input="u", output="y").time.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]  # type: ignore[union-attr]
 
 
-def test_a_shift_of_the_clock_is_an_error(write: Write) -> None:
-    stamps = ["2024-10-27 02:59:58", "2024-10-27 02:59:59", "2024-10-27 02:00:00"]
+@every(
+    ("stamps", "message"),
+    [
+        (["2024-10-27 02:59:58", "2024-10-27 02:59:59", "2024-10-27 02:00:00"],
+         "line 3, column 't': the clock goes back by 3599 s, as at the end of daylight"),
+        (["10:00:00", 3], "line 2, column 't': '3' is no date or clock time"),
+    ],
+    ids=["a shift", "a number among dates"],
+)  # fmt: skip
+def test_a_clock_that_is_none_is_refused(write: Write, stamps: list[object], message: str) -> None:
     path = write(lines(*({"t": stamp, "u": 1, "y": 1} for stamp in stamps)), "log.jsonl")
-    with pytest.raises(LogError, match="line 3, column 't': the clock goes back by 3599 s, as at the end of daylight"):
+    with pytest.raises(LogError, match=message):
         read_log(path, input="u", output="y")
 
 
@@ -73,12 +81,6 @@ def test_a_key_that_comes_late_is_not_said_to_be_absent(write: Write) -> None:
         read_columns(path).find("r")
     path.write_text(path.read_text().replace('"u": 1', '"u": 1, "r": null', 1))
     assert read_columns(path).column("r")[-1] == 2.0
-
-
-def test_a_number_among_dates_is_named(write: Write) -> None:
-    table = read_columns(write(lines({"t": "10:00:00"}, {"t": 3}), "log.jsonl"))
-    with pytest.raises(LogError, match="line 2, column 't': '3' is no date or clock time"):
-        table.column("t")
 
 
 BAD = {

@@ -17,6 +17,7 @@ from scipy.io.matlab import MatlabObject
 from replant.errors import LogError
 from replant.logs import read_columns, read_log
 from replant.logs.hdf5 import _sizes, _unpacked_size
+from support.cases import every
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -59,10 +60,21 @@ def test_structs_within_a_struct(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.output, U[:, 1])
 
 
-def test_the_name_of_a_matrix_lists_its_columns(tmp_path: Path) -> None:
-    path = save(tmp_path, other=T, rig=U)
-    with pytest.raises(LogError, match=r"no column 'rig' \(did .*\); there are: rig\[:,0\], rig\[:,1\], other$"):
-        read_log(path, input="rig", output="other", dt=0.1)
+@every(
+    ("variables", "choice", "message"),
+    [
+        ({"other": T, "rig": U}, ("rig", "other"),
+         r"no column 'rig' \(did .*\); there are: rig\[:,0\], rig\[:,1\], other$"),
+        ({"u": T, "y": T[:-1]}, ("u", "y"), rf"log.mat: column 'u' has {K} samples but 'y' has {K - 1}"),
+    ],
+    ids=["the name of a matrix lists its columns", "signals of different lengths"],
+)  # fmt: skip
+def test_columns_that_make_no_log_are_refused(
+    tmp_path: Path, variables: dict[str, object], choice: tuple[str, str], message: str
+) -> None:
+    path = save(tmp_path, **variables)
+    with pytest.raises(LogError, match=message):
+        read_log(path, input=choice[0], output=choice[1], dt=0.1)
 
 
 def test_the_rows_of_a_wide_matrix_are_signals(tmp_path: Path) -> None:
@@ -94,30 +106,28 @@ def test_integers_and_logicals_become_float64(tmp_path: Path) -> None:
     assert read_columns(path).column("y").tolist() == [1.0, 0.0, 1.0]
 
 
-def test_signals_of_different_lengths_are_refused(tmp_path: Path) -> None:
-    path = save(tmp_path, u=T, y=T[:-1])
-    with pytest.raises(LogError, match=rf"log.mat: column 'u' has {K} samples but 'y' has {K - 1}"):
-        read_log(path, input="u", output="y", dt=0.1)
-
-
 def test_a_file_without_a_signal_is_refused(tmp_path: Path) -> None:
     path = save(tmp_path, name="rig", gain=1.0, cube=np.zeros((2, 2, 2)), z=np.zeros(3) + 1j)
     with pytest.raises(LogError, match=r"log.mat: no numeric array of two samples or more"):
         read_columns(path)
 
 
+SAVE_AGAIN = r"v7\.3 \(HDF5\) file; save it again in MATLAB with save\(\.\.\., '-v7'\)"
+
+
 @pytest.mark.parametrize(
-    "head",
-    [b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + HDF5, HDF5 + bytes(99)],
+    ("content", "message"),
+    [
+        (b"t,u,y\n0,1,2\n" * 20, r"log\.mat: "),
+        (b"x", r"log\.mat: "),
+        (bytes(200), r"log\.mat: "),
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + HDF5, SAVE_AGAIN),
+        (HDF5 + bytes(99), SAVE_AGAIN),
+    ],
+    ids=["text", "one byte", "zeros", "v7.3", "HDF5"],
 )
-def test_hdf5_is_to_be_saved_again(write: Callable[..., Path], head: bytes) -> None:
-    with pytest.raises(LogError, match=r"v7\.3 \(HDF5\) file; save it again in MATLAB with save\(\.\.\., '-v7'\)"):
-        read_columns(write(head, "log.mat"))
-
-
-@pytest.mark.parametrize("content", [b"t,u,y\n0,1,2\n" * 20, b"x", bytes(200)])
-def test_a_file_of_another_format_is_refused(write: Callable[..., Path], content: bytes) -> None:
-    with pytest.raises(LogError, match=r"log\.mat: ") as caught:
+def test_a_file_of_another_format_is_refused(write: Callable[..., Path], content: bytes, message: str) -> None:
+    with pytest.raises(LogError, match=message) as caught:
         read_columns(write(content, "log.mat"))
     assert "\n" not in str(caught.value)
 

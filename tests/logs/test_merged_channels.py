@@ -34,47 +34,61 @@ def test_one_raster_stays_as_it_is() -> None:
     np.testing.assert_array_equal([found.t, found.output, *found.held], [t, y, u])
 
 
-def test_a_slower_input_is_held() -> None:
-    found = merge(signal([0, 1, 2, 3, 4, 5], [10, 11, 12, 13, 14, 15]), [signal([0, 3], [1, 2])])
-    assert found.t.tolist() == [0, 1, 2, 3, 4, 5]
-    assert found.held[0].tolist() == [1, 1, 1, 2, 2, 2]
-    assert found.output.tolist() == [10, 11, 12, 13, 14, 15]
+#: The output, the signals that are held, and the rows that they make: stamps, the held signals, the output.
+MERGED = {
+    "a slower input is held": (
+        signal([0, 1, 2, 3, 4, 5], [10, 11, 12, 13, 14, 15]), [signal([0, 3], [1, 2])],
+        [0, 1, 2, 3, 4, 5], [[1, 1, 1, 2, 2, 2]], [10, 11, 12, 13, 14, 15],
+    ),
+    # the clock is the input's, and regular
+    "of a faster input each stamp is a row": (
+        signal([0, 2, 4], [10, 12, 14]), [signal([0, 1, 2, 3, 4, 5], [1, 2, 2, 2, 3, 3])],
+        [0, 1, 2, 3, 4], [[1, 2, 2, 2, 3]], [10, NAN, 12, NAN, 14],
+    ),
+    "an input that changes at outputs alone adds no row": (
+        signal([0, 2, 4], [10, 12, 14]), [signal([0, 1, 2, 3, 4], [1, 1, 2, 2, 3])],
+        [0, 2, 4], [[1, 2, 3]], [10, 12, 14],
+    ),
+    "a change between two outputs comes neither earlier nor later": (
+        signal([0, 1, 2], [0, 0, 5]), [signal([-1.0, 1.4], [0, 1])],
+        [0, 1, 1.4, 2], [[0, 0, 1, 1]], [0, 0, NAN, 5],
+    ),
+    "rows begin when the held signal is known": (
+        signal([0, 1, 2, 3], [0, 1, 2, 3]), [signal([0.5, 5], [1, 2])],
+        [1, 2, 3], [[1, 1, 1]], [1, 2, 3],
+    ),
+    "rows begin when every held signal is known": (
+        signal([0, 1, 2, 3], [0, 1, 2, 3]), [signal([0, 5], [1, 2]), signal([1.5, 5], [1, 2])],
+        [2, 3], [[1, 1], [1, 1]], [2, 3],
+    ),
+    "a signal is held for no longer than its longest interval": (
+        signal([float(k) for k in range(20)], [0.0] * 20), [signal([0, 1, 2, 5], [1, 2, 3, 4])],
+        [*range(8)], [[1, 2, 3, 3, 3, 4, 4, 4]], [0] * 8,
+    ),
+    "logged once": (
+        signal([float(k) for k in range(20)], [0.0] * 20), [signal([0], [1])],
+        [*range(20)], [[1] * 20], [0] * 20,
+    ),
+    "without common time": (signal([0, 1], [0, 1]), [signal([5, 6], [0, 1])], [], [[]], []),
+    "of equal stamps the last value counts": (
+        signal([0, 1, 2], [0, 0, 0]), [signal([0, 1, 1, 2], [1, 2, 3, 4])],
+        [0, 1, 2], [[1, 3, 4]], [0, 0, 0],
+    ),
+    "a missing input is missing until the next one": (
+        signal([0, 1, 2, 3], [0, 0, 0, 0]), [signal([0, 1, 3], [1, NAN, 2])],
+        [0, 1, 2, 3], [[1, NAN, NAN, 2]], [0, 0, 0, 0],
+    ),
+}  # fmt: skip
 
 
-def test_of_a_faster_input_each_stamp_is_a_row() -> None:
-    """The clock is the input's, and regular."""
-    found = merge(signal([0, 2, 4], [10, 12, 14]), [signal([0, 1, 2, 3, 4, 5], [1, 2, 2, 2, 3, 3])])
-    assert found.t.tolist() == [0, 1, 2, 3, 4]
-    assert found.held[0].tolist() == [1, 2, 2, 2, 3]
-    np.testing.assert_array_equal(found.output, [10, NAN, 12, NAN, 14])
-
-
-def test_an_input_that_changes_at_outputs_alone_adds_no_row() -> None:
-    found = merge(signal([0, 2, 4], [10, 12, 14]), [signal([0, 1, 2, 3, 4], [1, 1, 2, 2, 3])])
-    assert found.t.tolist() == [0, 2, 4]
-    assert found.held[0].tolist() == [1, 2, 3]
-
-
-def test_a_change_between_two_outputs_comes_neither_earlier_nor_later() -> None:
-    found = merge(signal([0, 1, 2], [0, 0, 5]), [signal([-1.0, 1.4], [0, 1])])
-    assert found.t.tolist() == [0, 1, 1.4, 2]
-    assert found.held[0].tolist() == [0, 0, 1, 1]
-
-
-def test_rows_begin_when_every_held_signal_is_known() -> None:
-    y = signal([0, 1, 2, 3], [0, 1, 2, 3])
-    assert merge(y, [signal([0.5, 5], [1, 2])]).t.tolist() == [1, 2, 3]
-    assert merge(y, [signal([0, 5], [1, 2]), signal([1.5, 5], [1, 2])]).t.tolist() == [2, 3]
-
-
-def test_a_signal_is_held_for_no_longer_than_its_longest_interval() -> None:
-    y = signal([float(k) for k in range(20)], [0.0] * 20)
-    assert merge(y, [signal([0, 1, 2, 5], [1, 2, 3, 4])]).t.tolist() == list(range(8))
-    assert len(merge(y, [signal([0], [1])]).t) == 20  # logged once
-
-
-def test_signals_without_common_time_merge_to_nothing() -> None:
-    assert merge(signal([0, 1], [0, 1]), [signal([5, 6], [0, 1])]).t.size == 0
+@every(("output", "inputs", "t", "held", "measured"), MERGED.values(), ids=MERGED)
+def test_signals_are_merged(
+    output: Signal, inputs: list[Signal], t: list[float], held: list[list[float]], measured: list[float]
+) -> None:
+    found = merge(output, inputs)
+    assert found.t.tolist() == t
+    np.testing.assert_array_equal([*found.held], held)
+    np.testing.assert_array_equal(found.output, measured)
 
 
 def test_stamps_that_differ_by_rounding_are_the_same() -> None:
@@ -83,15 +97,6 @@ def test_stamps_that_differ_by_rounding_are_the_same() -> None:
     found = merge(Signal(fast, fast), [Signal(slow, np.arange(200.0))])
     assert found.t.tolist() == fast.tolist()
     np.testing.assert_array_equal(found.held[0], np.arange(2000) // 10)
-
-
-def test_of_equal_stamps_the_last_value_counts() -> None:
-    assert merge(signal([0, 1, 2], [0, 0, 0]), [signal([0, 1, 1, 2], [1, 2, 3, 4])]).held[0].tolist() == [1, 3, 4]
-
-
-def test_a_missing_input_is_missing_until_the_next_one() -> None:
-    found = merge(signal([0, 1, 2, 3], [0, 0, 0, 0]), [signal([0, 1, 3], [1, NAN, 2])])
-    np.testing.assert_array_equal(found.held[0], [1, NAN, NAN, 2])
 
 
 @pytest.mark.parametrize("t", [[0, 2, 1], [0, 1, NAN], [0, 1, np.inf]])

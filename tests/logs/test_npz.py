@@ -10,6 +10,7 @@ import pytest
 
 from replant.errors import LogError
 from replant.logs import read_columns, read_log
+from support.cases import every
 
 
 def test_vectors_and_columns_of_matrices_are_columns(tmp_path: Path) -> None:
@@ -45,31 +46,28 @@ def test_a_column_does_not_alias_the_table(tmp_path: Path) -> None:
     assert table.column("u").tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
-def test_signals_of_different_lengths_are_refused(tmp_path: Path) -> None:
+@every(
+    ("sizes", "given", "message"),
+    [
+        ({"u": 5, "y": 7}, {"dt": 0.1}, r"log\.npz: column 'u' has 5 samples but 'y' has 7"),
+        ({"u": 5, "y": 5, "t": 4}, {}, "column 'u' has 5 samples but 't' has 4"),
+        ({"gain": 1}, {}, "no numeric array of two samples or more"),
+    ],
+    ids=["signals", "time", "no signal"],
+)
+def test_arrays_that_are_not_samples_of_one_clock_are_refused(
+    tmp_path: Path, sizes: dict[str, int], given: dict[str, float], message: str
+) -> None:
     path = tmp_path / "log.npz"
-    np.savez(path, u=np.arange(5.0), y=np.arange(7.0))
-    with pytest.raises(LogError, match=r"log\.npz: column 'u' has 5 samples but 'y' has 7"):
-        read_log(path, input="u", output="y", dt=0.1)
-
-
-def test_a_time_of_another_length_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "log.npz"
-    np.savez(path, u=np.arange(5.0), y=np.arange(5.0), t=np.arange(4.0))
-    with pytest.raises(LogError, match="column 'u' has 5 samples but 't' has 4"):
-        read_log(path, input="u", output="y")
+    np.savez(path, **{name: np.arange(float(size)) if size > 1 else 1.0 for name, size in sizes.items()})
+    with pytest.raises(LogError, match=message):
+        read_log(path, input="u", output="y", **given)
 
 
 @pytest.mark.parametrize("content", [b"u,y\n1,2\n", b"PK\x03\x04broken"])
 def test_a_file_that_is_not_an_archive_is_refused(write: Callable[..., Path], content: bytes) -> None:
     with pytest.raises(LogError, match=r"log\.npz: not a readable \.npz archive .*; save it with numpy\.savez"):
         read_columns(write(content, "log.npz"))
-
-
-def test_an_archive_without_a_signal_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "log.npz"
-    np.savez(path, gain=1.0)
-    with pytest.raises(LogError, match="no numeric array of two samples or more"):
-        read_columns(path)
 
 
 def test_a_number_called_ts_is_the_sampling_time(tmp_path: Path) -> None:

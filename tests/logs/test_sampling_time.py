@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas
@@ -67,18 +68,19 @@ def test_rounding_of_printed_digits_is_no_irregularity(dt: float, decimals: int,
     assert abs(step_of(stamps) - dt) <= 1.01 * 10.0**-decimals / (count - 1) + 1e-11 * dt
 
 
-def test_stamps_in_single_precision_are_regular() -> None:
-    stamps = (1e-3 * np.arange(240_000)).astype(np.float32).astype(np.float64)
-    assert math.isclose(step_of(stamps), 1e-3, rel_tol=1e-6)
+REGULAR = {
+    "single precision": ((1e-3 * np.arange(240_000)).astype(np.float32).astype(np.float64), 1e-3, 1e-6),
+    "since 1970": (1.7e9 + 1e-4 * np.arange(10_000), 1e-4, 1e-6),
+    "jitter below one percent": (np.arange(500) + np.random.default_rng(0).uniform(-0.004, 0.004, 500), 1.0, 1e-4),
+    "slow drift, rounded": (np.round(np.cumsum(np.linspace(0.0333, 0.0334, 100_000)), 3), 0.03335, 1e-5),
+}
 
 
-def test_stamps_since_1970_are_regular() -> None:
-    assert math.isclose(step_of(1.7e9 + 1e-4 * np.arange(10_000)), 1e-4, rel_tol=1e-6)
-
-
-def test_jitter_below_one_percent_is_regular() -> None:
-    jitter = np.random.default_rng(0).uniform(-0.004, 0.004, 500)
-    assert math.isclose(step_of(np.arange(500) + jitter), 1.0, rel_tol=1e-4)
+@every("stamps, step, tolerance", REGULAR.values(), ids=REGULAR)
+def test_what_numbers_and_clocks_leave_of_a_grid_is_regular(
+    stamps: NDArray[np.float64], step: float, tolerance: float
+) -> None:
+    assert math.isclose(step_of(stamps), step, rel_tol=tolerance)
 
 
 @given(
@@ -109,11 +111,6 @@ def test_a_stamp_displaced_by_one_digit_is_not_rounding() -> None:
     stamps = np.round(0.1 * np.arange(50), 1)
     stamps[30] += 0.01
     assert "row 30, column 't': irregular" in judged(stamps)[1]
-
-
-def test_slow_drift_of_a_rounded_clock_is_regular() -> None:
-    ideal = np.cumsum(np.linspace(0.0333, 0.0334, 100_000))
-    assert math.isclose(step_of(np.round(ideal, 3)), 0.03335, rel_tol=1e-5)
 
 
 def test_irregular_stamps_come_with_the_log_and_the_line_is_named(write: Write) -> None:
@@ -165,27 +162,52 @@ def test_a_column_that_has_another_role_is_not_looked_for_as_the_time(write: Wri
         read_log(path, input="t", output="y")
 
 
-@every(
-    ("stamps", "message"),
-    [
-        (["0", "0.1", "0.1", "0.2"], "line 4, column 't': the time stamp 0.1 repeats the one before"),
-        (
-            [*(f"{k}" for k in range(20)), *(f"{k}" for k in range(20))],
-            r"goes back from the one before \(19\); the clock begins anew: if another",
-        ),
-        (["0", "0.1", "0.05", "0.2"], "line 4, column 't': the time stamp 0.05 goes back from the one before"),
-        (
-            ["0", "", "0.2", "0.3"],
-            "line 3, column 't': the time stamp is nan; drop that row, or give the sampling",
-        ),
-        (["0", "0.1", "inf", "0.3"], "line 4, column 't': the time stamp is inf"),
-        (["-1e308", "0", "1e308"], r"line 2, column 't': the time stamp is -1e\+308"),
-        (["10.00.00", "10.00.01", "10.00.02"], "line 2, column 't': '10.00.00' is not a number; convert dates"),
-    ],
-)
-def test_stamps_that_are_not_increasing_times_are_refused(write: Write, stamps: list[str], message: str) -> None:
+DISORDERED = {
+    "repeated": (log_text(["0", "0.1", "0.1", "0.2"]), "line 4, column 't': the time stamp 0.1 repeats the one before"),
+    "begun anew": (
+        log_text([*(f"{k}" for k in range(20)), *(f"{k}" for k in range(20))]),
+        r"goes back from the one before \(19\); the clock begins anew: if another",
+    ),
+    "back": (
+        log_text(["0", "0.1", "0.05", "0.2"]),
+        "line 4, column 't': the time stamp 0.05 goes back from the one before",
+    ),
+    "empty": (
+        log_text(["0", "", "0.2", "0.3"]),
+        "line 3, column 't': the time stamp is nan; drop that row, or give the sampling",
+    ),
+    "infinite": (log_text(["0", "0.1", "inf", "0.3"]), "line 4, column 't': the time stamp is inf"),
+    "huge": (log_text(["-1e308", "0", "1e308"]), r"line 2, column 't': the time stamp is -1e\+308"),
+    "points": (
+        log_text(["10.00.00", "10.00.01", "10.00.02"]),
+        "line 2, column 't': '10.00.00' is not a number; convert dates",
+    ),
+    "the file runs backwards": (
+        "t,u,y\n" + "".join(f"{9 - k},1,2\n" for k in range(10)),
+        r"line 3, column 't': the time stamp 8 goes back .*; the file runs backwards: sort",
+    ),
+    **{
+        f"begun anew after each {period}": (
+            "t,u,y\n" + "".join(f"{0.1 * (k % period):.1f},{k % 7},{k % 3}\n" for k in range(300)),
+            r"the time stamp 0 goes back .*; the clock begins anew",
+        )
+        for period in (3, 5, 10, 50)
+    },
+    "too coarse for rows that are alike": (
+        "t,u,y\n" + "".join(f"{k // 3},{k // 30},{k // 4}\n" for k in range(60)),
+        "line 3, column 't': the time stamp 0 repeats the one before",
+    ),
+    "back, under the letter T": (
+        log_text(["0.1" if k == 30 else f"{0.5 * k}" for k in range(40)], "T"),
+        r"line 32, column 'T': the time stamp 0\.1 goes back",
+    ),
+}
+
+
+@every(("text", "message"), DISORDERED.values(), ids=DISORDERED)
+def test_stamps_that_are_not_increasing_times_are_refused(write: Write, text: str, message: str) -> None:
     with pytest.raises(LogError, match=message):
-        read_log(write(log_text(stamps)), input="u", output="y")
+        read_log(write(text), input="u", output="y")
 
 
 @every("name", ["t", "T", "time", "Time", "TIMESTAMP", "time [s]", "t (s)", "Time(s)", "t/s", "time_s", " time "])
@@ -239,21 +261,6 @@ def test_dates_as_numbers_of_days_are_no_seconds(origin: float, step: float) -> 
     assert not unit_of_stamps("t", origin + step * np.arange(500.0)).refused  # since midnight, say
 
 
-def test_a_file_that_runs_backwards_is_refused_with_the_remedy(write: Write) -> None:
-    rows = "".join(f"{9 - k},1,2\n" for k in range(10))
-    with pytest.raises(
-        LogError, match=r"line 3, column 't': the time stamp 8 goes back .*; the file runs backwards: sort"
-    ):
-        read_log(write("t,u,y\n" + rows), input="u", output="y")
-
-
-@every("period", [3, 5, 10, 50])
-def test_a_clock_that_restarts_again_and_again_is_not_to_be_sorted(write: Write, period: int) -> None:
-    rows = "".join(f"{0.1 * (k % period):.1f},{k % 7},{k % 3}\n" for k in range(300))
-    with pytest.raises(LogError, match=r"the time stamp 0 goes back .*; the clock begins anew"):
-        read_log(write("t,u,y\n" + rows), input="u", output="y")
-
-
 def test_without_time_and_dt_both_are_named_and_options_where_a_command_may_read(write: Write) -> None:
     path = write("x,u,y\n0,1,2\n1,2,3\n")
     with pytest.raises(LogError, match=r"name the time column \(time=...\) or give the sampling time \(dt=...\)"):
@@ -269,15 +276,18 @@ def test_two_columns_called_time_are_refused_until_one_is_named(write: Write) ->
     assert read_log(path, input="u", output="y", time="timestamp").dt == 1.0
 
 
-def test_time_and_dt_together_are_refused(write: Write) -> None:
-    with pytest.raises(InvalidArgumentError, match="give either the time column"):
-        read_log(write(log_text(["0", "1"])), input="u", output="y", time="t", dt=1.0)
-
-
-@every("dt", [0.0, -0.1, math.nan, math.inf])
-def test_dt_must_be_positive(write: Write, dt: float) -> None:
-    with pytest.raises(InvalidArgumentError, match=r"\(dt=...\) must be finite and positive"):
-        read_log(write(log_text(["0", "1"])), input="u", output="y", dt=dt)
+@every(
+    ("given", "message"),
+    [
+        ({"time": "t", "dt": 1.0}, "give either the time column"),
+        *(({"dt": dt}, r"\(dt=...\) must be finite and positive") for dt in (0.0, -0.1, math.nan, math.inf)),
+    ],
+)
+def test_a_sampling_time_that_is_none_or_beside_a_time_is_refused(
+    write: Write, given: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InvalidArgumentError, match=message):
+        read_log(write(log_text(["0", "1"])), input="u", output="y", **given)
 
 
 @every("dt", ["0.1", True, 1j, [0.1]])
@@ -306,12 +316,6 @@ def test_a_row_that_is_written_twice_counts_once(write: Write) -> None:
         log = read_log(write("t,u,y\n" + "".join(rows)), input="u", output="y")
     assert (log.dt, len(log)) == (0.5, 60)
     assert log.output.tolist() == [k % 7 for k in range(60)]
-
-
-def test_stamps_too_coarse_for_their_rows_leave_rows_that_are_alike_in(write: Write) -> None:
-    rows = "".join(f"{k // 3},{k // 30},{k // 4}\n" for k in range(60))
-    with pytest.raises(LogError, match="line 3, column 't': the time stamp 0 repeats the one before"):
-        read_log(write("t,u,y\n" + rows), input="u", output="y")
 
 
 WARM = [20.0 + (k % 3) - 0.1 * (k % 7) for k in range(40)]  # a temperature that rises and falls
@@ -345,13 +349,6 @@ def test_a_clock_under_the_letter_t_may_jitter(write: Write) -> None:
     stamps = np.cumsum(np.random.default_rng(1).uniform(0.4, 0.6, 40))
     rows = [f"{stamp:.4f},{k % 2},{k % 3}" for k, stamp in enumerate(stamps)]
     assert read_log(write("\n".join(["T,u,y", *rows])), input="u", output="y").dt == pytest.approx(0.5, rel=0.1)
-
-
-def test_a_clock_under_the_letter_t_may_have_a_stamp_out_of_order_which_is_refused(write: Write) -> None:
-    stamps = [f"{0.5 * k}" for k in range(40)]
-    stamps[30] = "0.1"
-    with pytest.raises(LogError, match=r"line 32, column 'T': the time stamp 0\.1 goes back"):
-        read_log(write(log_text(stamps, "T")), input="u", output="y")
 
 
 def test_the_index_of_a_table_is_the_time_beside_a_temperature_with_the_letter_of_time() -> None:

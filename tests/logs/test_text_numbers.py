@@ -48,12 +48,24 @@ def test_true_and_false_are_one_and_zero(write: Write, head: str, mark: str) -> 
     assert table.column(2).tolist() == [1.0, 2.0, 0.0, 3.0]
 
 
-def test_quoted_thousands_between_commas(write: Write) -> None:
-    assert read_columns(write('t,u\n0,"1,234.5"\n1,0.5\n')).column("u").tolist() == [1234.5, 0.5]
+OF_COLUMNS = {
+    "quoted thousands between commas": ('t,u\n0,"1,234.5"\n1,0.5\n', {"u": [1234.5, 0.5]}),
+    "quoted decimal commas between commas": ('"t","u"\n"0,0","1,5"\n"0,5","2,25"\n', {"u": [1.5, 2.25]}),
+    # such as a time that a program wrote, beside values that follow the locale
+    "a mark of its own": ("t;u;y\n0.1;1,5;2,5\n0.2;2,5;3,5\n", {"t": [0.1, 0.2], "u": [1.5, 2.5]}),
+    # two thirds of the cells are then numbers at a semicolon alone
+    "thousands beside a clock": (
+        "time;valve;flow\n" + "".join(f"10:00:{k:02};{k % 2};1.2{k:02},50\n" for k in range(60)),
+        {"time": [*range(60)], "valve": [k % 2 for k in range(60)], "flow": [1200.5 + k for k in range(60)]},
+    ),
+}
 
 
-def test_decimal_commas_in_quotes_between_commas(write: Write) -> None:
-    assert read_columns(write('"t","u"\n"0,0","1,5"\n"0,5","2,25"\n')).column("u").tolist() == [1.5, 2.25]
+@every(("text", "columns"), OF_COLUMNS.values(), ids=OF_COLUMNS)
+def test_the_marks_of_a_column_are_found(write: Write, text: str, columns: dict[str, list[float]]) -> None:
+    table = read_columns(write(text))
+    for name, values in columns.items():
+        assert table.column(name).tolist() == values
 
 
 def test_a_number_with_its_unit_is_named(write: Write) -> None:
@@ -62,25 +74,10 @@ def test_a_number_with_its_unit_is_named(write: Write) -> None:
         read_columns(write("t,u,y\n" + rows)).column("t")
 
 
-def test_thousands_beside_a_clock(write: Write) -> None:
-    """Two thirds of the cells are then numbers at a semicolon alone."""
-    rows = "".join(f"10:00:{k:02};{k % 2};1.2{k:02},50\n" for k in range(60))
-    table = read_columns(write("time;valve;flow\n" + rows))
-    assert table.names == ("time", "valve", "flow")
-    assert table.column("flow").tolist() == [1200.5 + k for k in range(60)]
-
-
 def test_the_mark_may_first_show_far_below(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", 100)
     path = write("t;u;y\n" + "".join(f"{k};{k};7\n" for k in range(500)) + "500;1.234,5;7\n501;0,25;7\n")
     assert read_columns(path).column("u").tolist() == [*range(500), 1234.5, 0.25]
-
-
-def test_a_column_may_have_a_mark_of_its_own(write: Write) -> None:
-    """Such as a time that a program wrote, beside values that follow the locale."""
-    path = write("t;u;y\n0.1;1,5;2,5\n0.2;2,5;3,5\n")
-    assert read_columns(path).columns(["t", "u"])[0].tolist() == [0.1, 0.2]
-    assert read_columns(path).column("u").tolist() == [1.5, 2.5]
 
 
 AMBIGUOUS = {

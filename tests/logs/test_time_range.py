@@ -43,14 +43,16 @@ def test_the_begin_belongs_to_the_part_and_the_end_does_not(
     assert (log.begin, log.end) == (begin, end)
 
 
-def test_the_unit_of_the_stamps_counts(write: Write) -> None:
-    path = write(text(100, dt=100.0, name="t [ms]"))
-    assert read_log(path, input="u", output="y", begin=0.3, end=0.7).output.tolist() == [3, 4, 5, 6]
-
-
-def test_without_a_time_column_the_sampling_time_counts(write: Write) -> None:
-    path = write(text(100, name="n"))
-    assert read_log(path, input="u", output="y", dt=0.1, begin=0.3, end=0.7).output.tolist() == [3, 4, 5, 6]
+@every(
+    ("content", "given"),
+    [(text(100, dt=100.0, name="t [ms]"), {}), (text(100, name="n"), {"dt": 0.1})],
+    ids=["ms", "dt"],
+)
+def test_the_unit_of_the_stamps_or_the_sampling_time_counts(
+    write: Write, content: str, given: dict[str, float]
+) -> None:
+    log = read_log(write(content), input="u", output="y", begin=0.3, end=0.7, **given)
+    assert log.output.tolist() == [3, 4, 5, 6]
 
 
 def test_every_chunk_of_a_long_log_is_cut(write: Write) -> None:
