@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from replant.live.progress import RigClock
+from support.cases import every
 from support.live_fakes import DT
 
 
@@ -15,18 +16,17 @@ def test_a_clock_that_only_goes_on_is_left_alone() -> None:
     assert clock.follow(stamps, DT) is stamps
 
 
-def test_late_samples_stay_late() -> None:
+@every(
+    ("before", "stamps"),
+    [([10.0, 10.05], [9.9, 9.95, 10.1, np.nan, 10.15]), ([1000.0], [3.0, 1000.05])],
+    ids=["late samples", "a single stamp far back"],
+)
+def test_late_samples_stay_late_and_a_single_stamp_far_back_is_no_restart(
+    before: list[float], stamps: list[float]
+) -> None:
     clock = RigClock()
-    clock.follow(np.array([10.0, 10.05]), DT)
-    late = np.array([9.9, 9.95, 10.1, np.nan, 10.15])
-    np.testing.assert_array_equal(clock.follow(late, DT), late)
-    assert clock.offset == 0.0
-
-
-def test_a_single_stamp_far_back_is_no_restart() -> None:
-    clock = RigClock()
-    clock.follow(np.array([1000.0]), DT)
-    np.testing.assert_array_equal(clock.follow(np.array([3.0, 1000.05]), DT), [3.0, 1000.05])
+    clock.follow(np.array(before), DT)
+    np.testing.assert_array_equal(clock.follow(np.array(stamps), DT), stamps)
     assert clock.offset == 0.0
 
 

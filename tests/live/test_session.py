@@ -372,24 +372,24 @@ def piped(text: str) -> PipeSource:
     return PipeSource(Address("-", ""), file=end)
 
 
-def test_a_session_that_could_read_no_line_ends_with_the_first_one_and_what_was_expected() -> None:
-    session, _ = make(piped("0;1;2\n1;1;2\n"))
-    said = r"^-: no sample could be read; the first line is '0;1;2': not a number; expected u,y or t,u,y or n,t,u,y, or"
+@pytest.mark.parametrize(
+    ("text", "more", "said", "counters"),
+    [
+        ("0;1;2\n1;1;2\n", {},
+         r"^-: no sample could be read; the first line is '0;1;2': not a number; expected u,y or t,u,y or n,t,u,y, or",
+         {"not a number": 2}),
+        ("0;1;2\n1;2;3\n", {"progress": Progress(taken=100)}, "no sample could be read", {"not a number": 2}),
+        ("u,y,\x1b[2Jz\n1;2;3\n", {}, "expected u,y, or JSON objects", {"not a number": 1}),
+    ],
+    ids=["no header", "going on from a checkpoint", "a header with other columns"],
+)  # fmt: skip
+def test_a_session_that_could_read_no_line_ends_with_the_first_one_and_what_was_expected(
+    text: str, more: dict[str, Progress], said: str, counters: dict[str, int]
+) -> None:
+    session, _ = make(piped(text), **more)
     with pytest.raises(rp.LogError, match=said):
         session.run()
-    assert session.source.counters == {"not a number": 2}
-
-
-def test_a_session_that_goes_on_from_a_checkpoint_says_so_too() -> None:
-    session, _ = make(piped("0;1;2\n1;2;3\n"), progress=Progress(taken=100))
-    with pytest.raises(rp.LogError, match="no sample could be read"):
-        session.run()
-
-
-def test_of_a_header_with_other_columns_those_that_are_read_are_expected() -> None:
-    session, _ = make(piped("u,y,\x1b[2Jz\n1;2;3\n"))
-    with pytest.raises(rp.LogError, match="expected u,y, or JSON objects"):
-        session.run()
+    assert session.source.counters == counters
 
 
 @pytest.mark.parametrize("text", ["", "time;u;y\n1,2\n3,4\n"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from replant.errors import LogError, MissingDependencyError
+from replant.errors import LogError
 from replant.logs import read_columns, read_log
 from support.cases import every
 
@@ -60,11 +59,4 @@ def test_files_of_other_formats_are_refused(tmp_path: Path, content: bytes) -> N
         read_columns(path)
     path.write_bytes(b"FEA1" + content)
     with pytest.raises(LogError, match="a Feather file of version 1; write it again with a newer pyarrow"):
-        read_columns(path)
-
-
-def test_without_pyarrow_the_message_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = save(tmp_path, "file")
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(MissingDependencyError, match=r"needs pyarrow: pip install 'replant\[parquet\]'$"):
         read_columns(path)

@@ -14,12 +14,6 @@ TRIES, MORE = 2, 5  # in `make test` and in `make slow`; as many as one likes in
 
 
 @pytest.mark.slow
-@every("name", [*FORMATS][:: len(FORMATS) // 5])
-def test_mutants_of_some_formats(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    mutants(name, TRIES, capsys)
-
-
-@pytest.mark.slow
 @every("name", FORMATS)
 def test_mutants_of_a_format(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     mutants(name, MORE, capsys)

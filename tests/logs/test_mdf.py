@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from replant.errors import LogError, MissingDependencyError
+from replant.errors import LogError
 from replant.logs import read_columns, read_log
 from support.damage import is_read_or_refused
 
@@ -87,10 +86,3 @@ def test_a_frozen_program_reads_the_file_itself(tmp_path: Path, monkeypatch: pyt
     path = save(tmp_path, [signal("u", U), signal("y", Y)])
     monkeypatch.setattr(sys, "frozen", True, raising=False)
     np.testing.assert_array_equal(read_log(path, input="u", output="y").output, Y)
-
-
-def test_without_asammdf_the_message_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = save(tmp_path, [signal("u", U)])
-    monkeypatch.setitem(sys.modules, "asammdf", None)
-    with pytest.raises(MissingDependencyError, match=re.escape("reading MDF needs asammdf: pip install asammdf")):
-        read_columns(path)

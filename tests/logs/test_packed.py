@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from replant.cli import main
-from replant.errors import LogError, MissingDependencyError
+from replant.errors import LogError
 from replant.logs import Table, file_formats, read_columns, read_log
 from replant.logs.merged_channels import Signal, channel_table
 from support.cases import every
@@ -152,12 +152,6 @@ def test_a_cut_zstandard_file_is_noticed(write: Write) -> None:
     for length in range(5, len(whole), 50):
         with pytest.raises(LogError, match="not a readable Zstandard file"):
             read_columns(write(whole[:length], "log.csv.zst"))
-
-
-def test_without_zstandard_one_line_says_what_to_install(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "zstandard", None)
-    with pytest.raises(MissingDependencyError, match=r"needs zstandard: pip install 'replant\[zstd\]'$"):
-        read_columns(write(b"x", "log.csv.zst"))
 
 
 def test_the_copy_is_removed_with_the_table(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

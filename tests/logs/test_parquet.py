@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from decimal import Decimal
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.errors import LogError, MissingDependencyError
+from replant.errors import LogError
 from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder
 from replant.logs import arrow, read_columns, read_log
 from replant.online.runs.full_trace import FullTrace
@@ -103,14 +102,6 @@ def test_a_file_of_another_format_is_refused(write: Callable[..., Path]) -> None
     pytest.importorskip("pyarrow", reason="pyarrow is not installed: pip install 'replant[parquet]'")
     with pytest.raises(LogError, match=r"log\.pq: not a readable Parquet file"):
         read_columns(write("u,y\n1,2\n", "log.pq"))
-
-
-def test_without_pyarrow_the_message_names_the_extra(
-    write: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(MissingDependencyError, match=r"pip install 'replant\[parquet\]'"):
-        read_columns(write("x", "log.parquet"))
 
 
 def flips(content: bytes, tries: int) -> Iterator[bytes]:

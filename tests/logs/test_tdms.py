@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from replant.errors import LogError, MissingDependencyError
+from replant.errors import LogError
 from replant.logs import read_columns, read_log
 
 nptdms = pytest.importorskip("nptdms", reason="npTDMS is in no extra")
@@ -70,10 +68,3 @@ def test_without_waveforms_the_time_is_a_column(tmp_path: Path) -> None:
 def test_a_file_without_numbers_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no channel of numbers in the file; choose another file"):
         read_columns(save(tmp_path, [channel("note", ["a", "b"])]))
-
-
-def test_without_nptdms_the_message_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = save(tmp_path, [channel("u", U)])
-    monkeypatch.setitem(sys.modules, "nptdms", None)
-    with pytest.raises(MissingDependencyError, match=re.escape("reading TDMS needs npTDMS: pip install npTDMS")):
-        read_columns(path)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import struct
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from replant.errors import LogError, MissingDependencyError
+from replant.errors import LogError
 from replant.fitting.log_inspection import inspect
 from replant.logs import read_columns, read_log
 
@@ -97,10 +96,3 @@ def test_a_file_of_another_format_is_refused(tmp_path: Path) -> None:
     (tmp_path / "log.ulg").write_bytes(b"t,u,y\n0,1,2\n")
     with pytest.raises(LogError, match="not a readable ULog file"):
         read_columns(tmp_path / "log.ulg")
-
-
-def test_without_pyulog_the_message_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = save(tmp_path)
-    monkeypatch.setitem(sys.modules, "pyulog", None)
-    with pytest.raises(MissingDependencyError, match=r"reading ULog needs pyulog: pip install 'replant\[ulog\]'$"):
-        read_columns(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Sequence
 from datetime import date, datetime, time, timedelta
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from replant.errors import LogError, MissingDependencyError
+from replant.errors import LogError
 from replant.logs import read_columns, read_log
 from support.cases import every
 
@@ -112,10 +111,3 @@ def test_a_bad_workbook_is_refused_in_one_line(tmp_path: Path, rows: list[list[A
     with pytest.raises(LogError, match=re.escape(message)) as caught:
         read_log(path, input="u", output="y", dt=1.0)
     assert str(caught.value).startswith(f"{path}: ")
-
-
-def test_without_openpyxl_the_message_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = save(tmp_path, [["u", "y"], [1, 2]])
-    monkeypatch.setitem(sys.modules, "openpyxl", None)
-    with pytest.raises(MissingDependencyError, match=r"needs openpyxl: pip install 'replant\[xlsx\]'$"):
-        read_columns(path)

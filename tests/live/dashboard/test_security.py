@@ -223,16 +223,24 @@ def test_tokens_are_tried_one_after_the_other_and_who_has_the_right_one_does_not
 # --- where it listens ---
 
 
-@every("host", ["0.0.0.0", "::", "192.0.2.1", "example.org"])
-def test_the_network_is_not_let_in_without_a_token(host: str) -> None:
-    with pytest.raises(InvalidArgumentError, match=r"other machines can reach .*: give a token, or use 127\.0\.0\.1"):
-        serve(Hub(command=print, report=bytes), host)
-
-
-@every("token", ["", " ", "two words", "naïve", "line\nbreak"])
-def test_a_token_that_no_header_can_carry_is_refused(token: str) -> None:
-    with pytest.raises(InvalidArgumentError, match="token must be printable ASCII"):
-        serve(Hub(command=print, report=bytes), token=token)
+@every(
+    ("place", "message"),
+    [
+        *(
+            ({"host": host}, r"other machines can reach .*: give a token, or use 127\.0\.0\.1")
+            for host in ("0.0.0.0", "::", "192.0.2.1", "example.org")
+        ),
+        *(
+            ({"token": token}, "token must be printable ASCII")
+            for token in ("", " ", "two words", "naïve", "line\nbreak")
+        ),
+    ],
+)
+def test_the_network_without_a_token_and_tokens_that_no_header_can_carry_are_refused(
+    place: dict[str, str], message: str
+) -> None:
+    with pytest.raises(InvalidArgumentError, match=message):
+        serve(Hub(command=print, report=bytes), **place)
 
 
 def test_with_a_token_it_listens_everywhere_and_still_knows_its_names(feed: Feed) -> None:

@@ -54,21 +54,40 @@ def test_samples_add_up_and_go_on(replays: bool, batches: list[list[int]], last:
         assert counters["lost"] == kept[-1] - start - len(kept)
 
 
-def test_where_things_are_sent_again_an_old_number_is_never_taken() -> None:
-    """The samples of a peer that starts from zero again are dropped until its numbers pass the last one."""
-    counters: Counter[str] = Counter()
-    numbering = Numbering(counters, replays=True)
-    numbering.last = 10_000
-    assert screen(numbering, *([[k, k + 1] for k in range(0, 10_004, 2)])) == [10_001, 10_002, 10_003]
-    assert counters == {"duplicate": 10_001}
+#: What the source is (whether it sends again), the last number, the batches, and what is kept and counted of them.
+SCREENED: dict[str, tuple[bool, int | None, list[list[int]], list[int], dict[str, int]]] = {
+    # the samples of a peer that starts from zero again are dropped until its numbers pass the last one
+    "sent again": (True, 10_000, [[k, k + 1] for k in range(0, 10_004, 2)], [10_001, 10_002, 10_003],
+                   {"duplicate": 10_001}),
+    "a device that was reset is believed after two samples": (
+        False, 10_000, [[0], [1], [2, 3], [5]], [1, 2, 3, 5], {"duplicate": 1, "restarts": 1, "lost": 1}),
+    "a few late packets in order are no restart": (False, MISORDER, [[3, 4, 5, 6]], [], {"duplicate": 4}),
+    # from 11 to 1011 it is 1000: 3011 confirms it, and is itself held back as the next leap; 3012 does not
+    "a leap ahead, confirmed at twice its length": (
+        True, None, [[10, 11], [1011], [3011]], [10, 11, 1011], {"number leap": 1, "lost": 999}),
+    "a leap ahead, and a number beyond": (True, None, [[10, 11], [1011], [3012]], [10, 11], {"number leap": 2}),
+    "fifty ahead is no leap": (True, None, [[10, 11], [11 + LEAP]], [10, 11, 11 + LEAP], {"lost": LEAP - 1}),
+    "more than fifty ahead is": (True, None, [[10, 11], [12 + LEAP]], [10, 11], {"number leap": 1}),
+    "a reset, confirmed within fifty": (False, 10_000, [[0], [LEAP]], [LEAP],
+                                        {"duplicate": 1, "restarts": 1, "lost": LEAP - 1}),
+    "a reset, not confirmed beyond": (False, 10_000, [[0], [LEAP + 1]], [], {"duplicate": 2}),
+    "a thousand back is late": (False, 2 * MISORDER, [[MISORDER], [MISORDER + 1]], [], {"duplicate": 2}),
+    "more than a thousand back is a reset": (
+        False, 2 * MISORDER + 1, [[MISORDER], [MISORDER + 1]], [MISORDER + 1], {"duplicate": 1, "restarts": 1}),
+    # if the last number comes from a checkpoint, the first connection has not delivered a number yet
+    **{f"sent again to one that goes on from {last}: no counter that wrapped": (
+        True, last, [[k, k + 1] for k in range(0, 40, 2)], [], {"duplicate": 40}) for last in (2**16 - 1, 2**32 - 1)},
+}  # fmt: skip
 
 
-def test_a_device_that_was_reset_is_believed_after_two_samples() -> None:
-    counters: Counter[str] = Counter()
-    numbering = Numbering(counters, replays=False)
-    numbering.last = 10_000
-    assert screen(numbering, [0], [1], [2, 3], [5]) == [1, 2, 3, 5]
-    assert counters == {"duplicate": 1, "restarts": 1, "lost": 1}
+@every(("replays", "last", "batches", "kept", "counted"), SCREENED.values(), ids=SCREENED)
+def test_what_is_kept_and_counted(
+    replays: bool, last: int | None, batches: list[list[int]], kept: list[int], counted: dict[str, int]
+) -> None:
+    numbering = Numbering(counters := Counter(), replays=replays)
+    numbering.last = last
+    assert screen(numbering, *batches) == kept
+    assert +counters == counted
 
 
 @every("replays", [True, False])
@@ -98,37 +117,6 @@ def test_a_device_that_counts_in_steps_is_followed(replays: bool) -> None:
     """As one that counts milliseconds, and sends ten samples a second."""
     numbering = Numbering(Counter(), replays=replays)
     assert screen(numbering, *([number] for number in range(0, 10_000, 100))) == list(range(0, 9_900, 100))
-
-
-@every("beyond", [0, 1])
-def test_a_leap_ahead_is_confirmed_within_twice_its_length(beyond: int) -> None:
-    """From 11 to 1011 it is 1000: 3011 confirms it, and is itself held back as the next leap; 3012 does not."""
-    counters: Counter[str] = Counter()
-    kept = screen(Numbering(counters, replays=True), [10, 11], [1011], [3011 + beyond])
-    assert kept == ([10, 11] if beyond else [10, 11, 1011])
-    assert +counters == ({"number leap": 2} if beyond else {"number leap": 1, "lost": 999})
-
-
-@every("beyond", [0, 1])
-def test_a_reset_is_confirmed_within_fifty_numbers(beyond: int) -> None:
-    numbering = Numbering(Counter(), replays=False)
-    numbering.last = 10_000
-    assert screen(numbering, [0], [LEAP + beyond]) == ([] if beyond else [LEAP])
-
-
-@every("beyond", [0, 1])
-def test_a_number_at_most_fifty_ahead_is_no_leap(beyond: int) -> None:
-    counters: Counter[str] = Counter()
-    kept = screen(Numbering(counters, replays=True), [10, 11], [11 + LEAP + beyond])
-    assert kept == ([10, 11] if beyond else [10, 11, 11 + LEAP])
-    assert +counters == ({"number leap": 1} if beyond else {"lost": LEAP - 1})
-
-
-@every("beyond", [0, 1])
-def test_a_thousand_numbers_back_is_late_and_more_is_a_reset(beyond: int) -> None:
-    numbering = Numbering(Counter(), replays=False)
-    numbering.last = 2 * MISORDER + beyond
-    assert screen(numbering, [MISORDER], [MISORDER + 1]) == ([MISORDER + 1] if beyond else [])
 
 
 @every("replays", [True, False])
@@ -161,15 +149,6 @@ def test_a_counter_that_wraps_is_followed(replays: bool, bits: int) -> None:
     assert +counters == {"duplicate": 1, "restarts": 1}
 
 
-@pytest.mark.parametrize("last", [2**16 - 1, 2**32 - 1])
-def test_what_is_sent_again_to_one_that_goes_on_is_no_counter_that_wrapped(last: int) -> None:
-    """If the last number comes from a checkpoint, the first connection has not delivered a number yet."""
-    numbering = Numbering(counters := Counter(), replays=True)
-    numbering.last = last
-    assert screen(numbering, *([k, k + 1] for k in range(0, 40, 2))) == []
-    assert counters == {"duplicate": 40}
-
-
 @pytest.mark.parametrize("last", [2**16 - 1, 70_000])
 def test_what_a_new_connection_sends_again_is_no_counter_that_wrapped(last: int) -> None:
     """A peer that does not listen to ``after N`` sends all from its beginning."""
@@ -178,14 +157,6 @@ def test_what_a_new_connection_sends_again_is_no_counter_that_wrapped(last: int)
     assert screen(numbering, [last - 1, last]) == [last - 1, last]
     numbering.connect()
     assert screen(numbering, *(list(range(k, k + 16)) for k in range(0, last + 17, 16)))[0] == last + 1
-
-
-def test_a_few_late_packets_in_order_are_no_restart() -> None:
-    counters: Counter[str] = Counter()
-    numbering = Numbering(counters, replays=False)
-    numbering.last = MISORDER
-    assert screen(numbering, [3, 4, 5, 6]) == []
-    assert counters == {"duplicate": 4}
 
 
 def test_without_numbers_everything_is_kept() -> None:

@@ -73,14 +73,6 @@ def test_the_unit_of_a_header_is_that_of_its_rows_alone() -> None:
     assert (batch.t.tolist(), counters) == ([3600.0], {"time not finite": 1})
 
 
-@every("header", ["t,u,y", "t,y,u", "y,u,n", "u,t,y", "u,y,r"])
-def test_a_header_may_order_u_and_y_too(header: str) -> None:
-    cells = {"t": 0.5, "u": 1.0, "y": 2.0, "n": 3.0, "r": 4.0}
-    row = ",".join(str(cells[name]) for name in header.split(","))
-    batch, counters = read(f"{header}\n{row}\n", signals=Signals())
-    assert (batch.u.tolist(), batch.y.tolist(), counters) == ([1.0], [2.0], {})
-
-
 @every("rows", ["500,1,2\n", "500,1,2\n1000,1,2\n"])
 @every("name", ["time", "t [ms]"])
 def test_how_lines_under_other_names_are_read_is_said(name: str, rows: str) -> None:
@@ -93,18 +85,33 @@ def test_how_lines_under_other_names_are_read_is_said(name: str, rows: str) -> N
     assert f"does not name u and y: read t from '{name}', u from 'volt', y from 'speed'" in parser.remark
 
 
-@every("header", ["y,volt", "speed,time,volt", "volt,u", "n,volt,speed"])
-def test_a_header_that_contradicts_the_order_of_its_rows_is_refused(header: str) -> None:
-    rows = 2 * f"{','.join('1' * len(header.split(',')))}\n"
-    with pytest.raises(LogError, match=f"no column '[uy]' in the header; there are: '{header.split(',')[0]}', "):
-        Parser(Counter()).parse(f"{header}\n{rows}".encode(), arrived=0.0)
+VOLTAGE = Signals(("voltage",), "speed")
 
 
-def test_a_header_without_the_names_that_a_user_gave_is_refused() -> None:
-    text, asked = "time,speed,volt\n0,1,2\n1,1,2\n", Signals(("voltage",), "speed")
-    with pytest.raises(LogError, match="no column 'voltage' in the header; there are: 'time', 'speed', 'volt';"):
+@every(
+    ("text", "asked", "message"),
+    [
+        *(
+            (f"{header}\n" + 2 * f"{','.join('1' * len(header.split(',')))}\n", Signals(),
+             f"no column '[uy]' in the header; there are: '{header.split(',')[0]}', ")
+            for header in ("y,volt", "speed,time,volt", "volt,u", "n,volt,speed")
+        ),
+        ("time,speed,volt\n0,1,2\n1,1,2\n", VOLTAGE,
+         "no column 'voltage' in the header; there are: 'time', 'speed', 'volt';"),
+        # who has named the signals is not told to name them
+        ("q,T\n1,2\n3,4\n", Signals(("Q",), "T"),
+         r"no column 'Q' in the header; .*; correct -i and -o, or the header$"),
+    ],
+)  # fmt: skip
+def test_a_header_that_contradicts_its_rows_or_lacks_what_was_asked_for_is_refused(
+    text: str, asked: Signals, message: str
+) -> None:
+    with pytest.raises(LogError, match=message):
         Parser(Counter(), None, asked).parse(text.encode(), arrived=0.0)
-    batch, _ = read(text, ("t", "voltage", "speed"), asked)  # its columns are given
+
+
+def test_where_the_columns_are_given_a_header_is_not_asked_for_names() -> None:
+    batch, _ = read("time,speed,volt\n0,1,2\n1,1,2\n", ("t", "voltage", "speed"), VOLTAGE)
     assert batch.u.tolist() == [1.0, 1.0]
 
 
@@ -116,11 +123,6 @@ def test_a_greeting_of_the_width_of_the_rows_is_no_header(text: str, asked: Sign
     assert (batch.u.tolist(), batch.y.tolist()) == ([1.0, 3.0], [2.0, 4.0])
     assert f"the line '{text}' before the rows names no signal" in parser.remark
     assert "from" not in parser.remark
-
-
-def test_who_has_named_the_signals_is_not_told_to_name_them() -> None:
-    with pytest.raises(LogError, match=r"no column 'Q' in the header; .*; correct -i and -o, or the header$"):
-        Parser(Counter(), None, Signals(("Q",), "T")).parse(b"q,T\n1,2\n3,4\n", arrived=0.0)
 
 
 @every(
@@ -142,16 +144,25 @@ def test_other_text_before_the_rows_is_no_header(text: str) -> None:
     assert (batch.t.tolist(), counters) == ([1.0, 1.0], {"not a number": 1})
 
 
-def test_an_input_may_be_called_time_beside_the_time() -> None:
-    batch, _ = read("time,y\n1,2\n", signals=Signals(("time",), "y"))
-    assert (batch.u.tolist(), batch.t) == ([1.0], None)
-    batch, _ = read("time,y,t [ms]\n1,2,500\n", signals=Signals(("time",), "y"))
-    assert (batch.u.tolist(), batch.t.tolist()) == ([1.0], [0.5])
-
-
-def test_one_input_may_have_a_name_too() -> None:
-    batch, _ = read("speed,volt\n3,1\n4,2\n", signals=Signals(("volt",), "speed"))
-    assert (batch.u.tolist(), batch.y.tolist()) == ([1.0, 2.0], [3.0, 4.0])
+@every(
+    ("text", "signals", "u", "y", "t"),
+    [
+        ("time,y\n1,2\n", Signals(("time",), "y"), [1.0], [2.0], None),  # an input may be called time
+        ("time,y,t [ms]\n1,2,500\n", Signals(("time",), "y"), [1.0], [2.0], [0.5]),  # beside the time
+        ("speed,volt\n3,1\n4,2\n", Signals(("volt",), "speed"), [1.0, 2.0], [3.0, 4.0], None),
+        ("t,u,y\n0.5,1,2\n", Signals(), [1.0], [2.0], [0.5]),
+        ("t,y,u\n0.5,2,1\n", Signals(), [1.0], [2.0], [0.5]),
+        ("y,u,n\n2,1,3\n", Signals(), [1.0], [2.0], None),
+        ("u,t,y\n1,0.5,2\n", Signals(), [1.0], [2.0], [0.5]),
+        ("u,y,r\n1,2,4\n", Signals(), [1.0], [2.0], None),
+    ],
+)
+def test_one_input_may_stand_anywhere_under_any_name(
+    text: str, signals: Signals, u: list[float], y: list[float], t: list[float] | None
+) -> None:
+    batch, counters = read(text, signals=signals)
+    assert (batch.u.tolist(), batch.y.tolist(), counters) == (u, y, {})
+    assert (None if batch.t is None else batch.t.tolist()) == t
 
 
 @every("copies", [1, 20])
