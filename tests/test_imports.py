@@ -31,27 +31,36 @@ def loaded(statement: str) -> set[str]:
     return set(json.loads(run.stdout.splitlines()[-1]))
 
 
-def test_importing_replant_loads_nothing_but_python() -> None:
-    modules = loaded("import replant")
-    assert "replant" in modules
-    assert not modules & {*HEAVY, "numpy", "click", "rich"}
+HELP = "from replant.cli import main\ntry:\n    main([{!r}])\nexcept SystemExit as stop:\n    assert not stop.code"
+AT_WORK = (
+    "import replant as rp\n"
+    "ident = rp.Identifier(rp.Structure(1), 0.1, filter=rp.StateVariableFilter(5.0), scaling=None,"
+    " optimizer=rp.Gradient(1.0))\nident.update(1.0, 1.0)"
+)
 
 
-@pytest.mark.parametrize("statement", ["import replant as rp; rp.Identifier", "from replant import *"])
-def test_using_a_public_name_loads_numpy_and_nothing_heavier(statement: str) -> None:
+@pytest.mark.parametrize(
+    ("statement", "some", "none"),
+    [
+        pytest.param("import replant", {"replant"}, {*HEAVY, "numpy", "click", "rich"}, id="import"),
+        *(
+            pytest.param(statement, {"replant", "numpy"}, {*HEAVY, "click", "rich"}, id=statement)
+            for statement in ("import replant as rp; rp.Identifier", "from replant import *")
+        ),
+        *(
+            pytest.param(HELP.format(option), {"replant", "click"}, {*HEAVY, "numpy", "rich"}, id=option)
+            for option in ("--help", "-h", "--version")
+        ),
+        # the counter-test: the check would see the libraries if they were there
+        pytest.param(
+            AT_WORK, {"scipy"}, {"matplotlib", "pyarrow", "control", "pandas", "click"}, id="an identifier at work"
+        ),
+    ],
+)
+def test_what_is_done_loads_only_what_it_needs(statement: str, some: set[str], none: set[str]) -> None:
     modules = loaded(statement)
-    assert {"replant", "numpy"} <= modules
-    assert not modules & {*HEAVY, "click", "rich"}
-
-
-@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["--version"]], ids=lambda arguments: arguments[0])
-def test_asking_for_help_loads_nothing_heavy(arguments: list[str]) -> None:
-    call = f"main({arguments})"
-    modules = loaded(
-        f"from replant.cli import main\ntry:\n    {call}\nexcept SystemExit as stop:\n    assert not stop.code"
-    )
-    assert {"replant", "click"} <= modules
-    assert not modules & {*HEAVY, "numpy", "rich"}
+    assert some <= modules
+    assert not modules & none
 
 
 def test_the_help_of_no_command_loads_anything_heavy() -> None:
@@ -74,17 +83,6 @@ print(json.dumps(loaded))
     of_each: dict[str, list[str]] = json.loads(run.stdout.splitlines()[-1])
     assert set(of_each) == set(COMMANDS)
     assert {command: names for command, names in of_each.items() if names} == {}
-
-
-def test_an_identifier_at_work_loads_scipy_and_only_what_it_needs() -> None:
-    """The counter-test: the check above would see the libraries if they were there."""
-    modules = loaded(
-        "import replant as rp\n"
-        "ident = rp.Identifier(rp.Structure(1), 0.1, filter=rp.StateVariableFilter(5.0), scaling=None,"
-        " optimizer=rp.Gradient(1.0))\nident.update(1.0, 1.0)"
-    )
-    assert "scipy" in modules
-    assert not modules & {"matplotlib", "pyarrow", "control", "pandas", "click"}
 
 
 def test_with_background_nothing_is_loaded_between_samples() -> None:

@@ -147,7 +147,9 @@ def test_a_mistake_is_one_line_and_exit_code_2(capsys, tmp_path, command, lines,
     ("arguments", "words"),
     [
         (("run", "missing.csv", *COLUMNS), ["missing.csv"]),
-        (("run",), ["LOG"]),
+        (("run",), ["LOG", " See replant run --help\n"]),
+        (("fit", "x.csv", "--inptu"), [" See replant fit --help\n"]),
+        (("foo",), [" See replant --help\n"]),
         (("run", "x.csv"), ["--input"]),
         (("jump",), ["jump"]),
         (("fit", "x.csv", "--optimizer", "adam"), ["No such option '--optimizer'; replant run takes it."]),
@@ -299,16 +301,6 @@ def test_without_a_command_the_help_comes_as_it_is(capsys) -> None:
     _, asked, _ = call(capsys, "--help")
     assert (code, out, err) == (2, "", asked)
     assert err.startswith("Usage: replant [OPTIONS] COMMAND [ARGS]...\n")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "help_page"),
-    [(["run"], "replant run"), (["fit", "x.csv", "--inptu"], "replant fit"), (["foo"], "replant")],
-)
-def test_what_is_missing_or_unknown_says_where_to_look_it_up(capsys, arguments: list[str], help_page: str) -> None:
-    code, out, err = call(capsys, *arguments)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert err.endswith(f" See {help_page} --help\n")
 
 
 def test_help_speaks_of_ranges_where_they_are_taken(capsys) -> None:

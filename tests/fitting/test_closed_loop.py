@@ -80,22 +80,21 @@ def loop(
 
 
 @pytest.mark.parametrize("referenced", [False, True])
-def test_without_noise_an_unstable_plant_is_found_but_for_the_straight_lines_through_its_output(
-    referenced: bool,
+@pytest.mark.parametrize(
+    ("plant", "gain", "parameters", "tolerance", "fit"),
+    [
+        # straight lines through its output cost (p dt)^2/6 of a pole p, and rounding is all that is left of the rest
+        pytest.param(UNSTABLE, 3.0, [-1.0, 1.0], 2.0 * DT**2 / 6, 99.99, id="unstable"),
+        pytest.param(INTEGRATOR, 1.0, [1.0, 0.0, 1.0], 1e-4, 99.9, id="integrator"),
+    ],
+)
+def test_without_noise_a_plant_that_is_not_stable_is_found(
+    plant: rp.TransferFunction, gain: float, parameters: list[float], tolerance: float, fit: float, referenced: bool
 ) -> None:
-    """These cost (p dt)^2/6 of a pole p, and rounding is all that is left of the rest."""
-    done = loop(UNSTABLE, 3.0, 2000)
-    found = rp.fit(done.u, done.y, DT, rp.Structure(1), reference=done.r if referenced else None)
-    np.testing.assert_allclose(found.parameters, [-1.0, 1.0], atol=2.0 * DT**2 / 6)
-    assert found.simulation.fit > 99.99
-
-
-@pytest.mark.parametrize("referenced", [False, True])
-def test_without_noise_an_integrator_is_found(referenced: bool) -> None:
-    done = loop(INTEGRATOR, 1.0, 2000)
-    found = rp.fit(done.u, done.y, DT, rp.Structure(2), reference=done.r if referenced else None)
-    np.testing.assert_allclose(found.parameters, [1.0, 0.0, 1.0], atol=1e-4)
-    assert found.simulation.fit > 99.9
+    done = loop(plant, gain, 2000)
+    found = rp.fit(done.u, done.y, DT, rp.Structure(plant.den.size - 1), reference=done.r if referenced else None)
+    np.testing.assert_allclose(found.parameters, parameters, atol=tolerance)
+    assert found.simulation.fit > fit
 
 
 def test_the_sign_of_a_pole_is_a_result_with_an_uncertainty() -> None:

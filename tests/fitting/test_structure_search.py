@@ -123,17 +123,19 @@ def test_progress_begins_before_the_first_structure() -> None:
     assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
-@pytest.mark.parametrize("name", ["poles", "zeros", "delays"])
-def test_nothing_to_try_is_named(name: str) -> None:
-    with pytest.raises(rp.InvalidArgumentError, match=f"{name} is empty: give the values to try"):
-        rp.search(np.ones(50), np.ones(50), 0.1, **{"poles": [1], name: []})
-
-
-def test_an_impossible_grid_and_a_dead_record_are_refused() -> None:
-    with pytest.raises(rp.InvalidArgumentError, match="fewer than poles"):
-        search(U, U, 0.05, poles=(1, 2), zeros=(2, 3))
-    with pytest.raises(rp.InvalidArgumentError, match="does the input move"):
-        search(np.ones(500), white_noise(500, 1.0), 0.05, poles=(1, 2))
+@pytest.mark.parametrize(
+    ("u", "y", "grid", "message"),
+    [
+        *((U, U, {"poles": [1], name: []}, f"{name} is empty: give the values to try")
+          for name in ("poles", "zeros", "delays")),
+        (U, U, {"poles": (1, 2), "zeros": (2, 3)}, "fewer than poles"),
+        (np.ones(500), white_noise(500, 1.0), {"poles": (1, 2)}, "does the input move"),
+    ],
+    ids=["no poles", "no zeros", "no delays", "too many zeros", "a dead record"],
+)  # fmt: skip
+def test_nothing_to_try_or_nothing_to_try_it_on_is_named(u, y, grid, message) -> None:
+    with pytest.raises(rp.InvalidArgumentError, match=message):
+        rp.search(u, y, 0.05, **grid)
 
 
 def test_a_dead_time_costs_no_fit_behind_a_gap() -> None:

@@ -109,18 +109,6 @@ def test_what_is_said_of_a_table_is_said_of_the_line_that_gave_it() -> None:
         assert [each.filename for each in caught] == [__file__]
 
 
-def test_an_index_that_counts_the_rows_is_no_clock() -> None:
-    table = TABLE.drop(columns="t").set_index(pd.RangeIndex(600, name="row"))
-    with pytest.raises(rp.LogError, match="the table: no column is called t, time or timestamp; name the time"):
-        rp.fit(table, input="u", output="y", poles=1)
-
-
-def test_a_column_that_is_no_number_is_named() -> None:
-    problem = "the table: row 1, column 'note': 'a' is neither a number nor a date"
-    with pytest.raises(rp.ArgumentTypeError, match=problem):
-        rp.fit(TABLE, input="note", output="y", poles=1)
-
-
 @every("cell", ["?", 1j, 10**400, datetime.time(8), pd.Timestamp("2026-01-01"), (1.0, 2.0)])
 def test_a_cell_that_is_no_number_is_named_with_its_row(cell: Any) -> None:
     column = TABLE["u"].astype(object)
@@ -271,18 +259,33 @@ def test_every_door_answers(call: Any) -> None:
         call(order=1)
 
 
+ROWS_COUNTED = TABLE.drop(columns="t").set_index(pd.RangeIndex(600, name="row"))
+NAMED = {"input": "u", "output": "y"}
+
+
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("table", "arguments", "error", "words"),
     [
-        ({}, "name columns of the table"),
-        ({"input": "v", "output": "y"}, "input must name a column, got 'v'; there are t, u, y"),
-        ({"input": "u", "output": "y", "y": Y}, "leave out y"),
-        ({"input": "u", "output": "y", "reference": "r"}, "reference must name a column"),
+        (TABLE, {}, (rp.ArgumentTypeError, rp.InvalidArgumentError), "name columns of the table"),
+        (TABLE, NAMED | {"input": "v"}, (rp.ArgumentTypeError, rp.InvalidArgumentError),
+         "input must name a column, got 'v'; there are t, u, y"),
+        (TABLE, NAMED | {"y": Y}, (rp.ArgumentTypeError, rp.InvalidArgumentError), "leave out y"),
+        (TABLE, NAMED | {"reference": "r"}, (rp.ArgumentTypeError, rp.InvalidArgumentError),
+         "reference must name a column"),
+        (TABLE, NAMED | {"input": "note"}, rp.ArgumentTypeError,
+         "the table: row 1, column 'note': 'a' is neither a number nor a date"),
+        (ROWS_COUNTED, NAMED, rp.LogError,
+         "the table: no column is called t, time or timestamp; name the time"),
+        (TABLE.drop(columns="t"), NAMED, rp.LogError,
+         r"name the time column \(t=...\) or give the sampling time \(dt=...\)"),
     ],
-)
-def test_a_table_that_is_not_understood_is_answered(arguments: dict[str, Any], words: str) -> None:
-    with pytest.raises((rp.ArgumentTypeError, rp.InvalidArgumentError), match=words):
-        rp.fit(TABLE, poles=1, **arguments)
+    ids=["no names", "no such input", "y beside it", "no such reference", "no number", "rows are counted", "no clock"],
+)  # fmt: skip
+def test_a_table_that_is_not_understood_is_answered(
+    table: pd.DataFrame, arguments: dict[str, Any], error: Any, words: str
+) -> None:
+    with pytest.raises(error, match=words):
+        rp.fit(table, poles=1, **arguments)
 
 
 @every(
@@ -308,8 +311,3 @@ def test_what_is_wrong_with_the_clock_is_said_in_the_names_of_arguments(
             rp.read_log(given, input="u", output="y", **names)
         assert "--" not in str(caught.value)
         assert "(t=" not in str(caught.value)
-
-
-def test_a_table_without_a_clock_asks_for_one() -> None:
-    with pytest.raises(rp.LogError, match=r"name the time column \(t=...\) or give the sampling time \(dt=...\)"):
-        rp.fit(TABLE.drop(columns="t"), input="u", output="y", poles=1)

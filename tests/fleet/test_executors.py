@@ -215,9 +215,12 @@ def test_a_run_whose_workers_are_killed_ends_with_the_same_bytes(
 # --- how executors are named
 
 
-@every("on", ["threads", "threads:0", "threads:x", "processes:-1", "dask:host:1", "dask://host", "mpi:4", ""])
+@every(
+    "on",
+    ["threads", "threads:0", "threads:x", "processes:-1", "processes:none", "dask:host:1", "dask://host", "mpi:4", ""],
+)
 def test_an_unknown_executor_name_is_refused(on: str) -> None:
-    with pytest.raises(InvalidArgumentError, match="threads:N, processes:N or dask://HOST:PORT"):
+    with pytest.raises(InvalidArgumentError, match=r"is not an executor.*threads:N, processes:N or dask://HOST:PORT"):
         parsed(on)
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from replant.errors import InvalidArgumentError
 from replant.fleet.catalogue import find_rigs, is_log
 from replant.fleet.executors import carried_out, parsed, workers
 from replant.fleet.job import Job, Piece, Rig, Shape, digest, planned, printable, report_path, work_of
@@ -42,11 +41,6 @@ WORDS: dict[Any, Any] = {
 @every("got, expected", WORDS.items())
 def test_texts_are_as_expected(got: Any, expected: Any) -> None:
     assert got == expected
-
-
-def test_an_invalid_executor_is_refused() -> None:
-    with pytest.raises(InvalidArgumentError, match="is not an executor"):
-        parsed("processes:none")
 
 
 def test_a_digest_tells_options_files_and_rigs_apart() -> None:

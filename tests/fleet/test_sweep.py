@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -24,19 +26,21 @@ def test_results_come_in_the_order_of_the_records(executor: str | None) -> None:
     assert seen == [(k, 9) for k in range(1, 10)]
 
 
-def test_what_the_function_raises_is_raised() -> None:
-    with pytest.raises(ValueError, match=r"math domain error|nonnegative"):
-        rp.fleet.sweep(math.sqrt, [1.0, -1.0], "threads:2")
-
-
-def test_an_error_that_cannot_be_sent_is_told_in_words() -> None:
-    with pytest.raises(RuntimeError, match=r"UnsendableError: bad record 1"):
-        rp.fleet.sweep(refuse, [1], "processes:1")
-
-
-def test_a_function_that_cannot_be_sent_is_refused() -> None:
-    with pytest.raises(InvalidArgumentError, match="define it at the top of a module, or use threads:N"):
-        rp.fleet.sweep(lambda record: record, [1], "processes:1")
+@every(
+    ("function", "records", "executor", "error", "says"),
+    [
+        (math.sqrt, [1.0, -1.0], "threads:2", ValueError, "math domain error|nonnegative"),
+        (refuse, [1], "processes:1", RuntimeError, "UnsendableError: bad record 1"),
+        (lambda record: record, [1], "processes:1", InvalidArgumentError,
+         "define it at the top of a module, or use threads:N"),
+    ],
+    ids=["what it raises", "an error that cannot be sent", "a function that cannot be sent"],
+)  # fmt: skip
+def test_what_the_function_raises_is_raised(
+    function: Callable[[Any], object], records: list[Any], executor: str, error: type[Exception], says: str
+) -> None:
+    with pytest.raises(error, match=says):
+        rp.fleet.sweep(function, records, executor)
 
 
 def test_ctrl_c_does_not_wait_for_what_is_being_done() -> None:

@@ -214,17 +214,13 @@ def test_free_responses_span_what_an_initial_state_adds(plant: rp.TransferFuncti
 
 
 @every_plant
-def test_the_way_to_scipy_and_back(plant: rp.TransferFunction) -> None:
+def test_the_way_to_scipy_and_control_and_back(plant: rp.TransferFunction) -> None:
     there = plant.to_scipy()
     assert isinstance(there, signal.TransferFunction)
     assert rp.TransferFunction(np.atleast_1d(there.num), np.atleast_1d(there.den)) == plant
-
-
-@every_plant
-def test_the_way_to_control_and_back(plant: rp.TransferFunction) -> None:
-    there = plant.to_control()
-    assert isinstance(there, control.TransferFunction)
-    assert rp.TransferFunction(there.num[0][0], there.den[0][0]) == plant
+    beside = plant.to_control()
+    assert isinstance(beside, control.TransferFunction)
+    assert rp.TransferFunction(beside.num[0][0], beside.den[0][0]) == plant
 
 
 def test_a_dead_time_does_not_get_lost_on_the_way() -> None:
@@ -357,13 +353,17 @@ def test_a_bad_simulation_is_refused_by_name(arguments: tuple[Any, ...], options
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("samples", [-1, 1.0, None])
-def test_free_responses_need_a_whole_number_of_samples(samples: Any) -> None:
-    with pytest.raises((rp.InvalidArgumentError, rp.ArgumentTypeError), match="samples"):
-        G1.free_responses(samples, DT)
-
-
-@pytest.mark.parametrize("frequency", ["ab", None, [1j]], ids=repr)
-def test_a_response_needs_real_frequencies(frequency: Any) -> None:
-    with pytest.raises(rp.ArgumentTypeError, match="frequency"):
-        G1.response(frequency)
+@every(
+    ("call", "value", "error", "named"),
+    [
+        *(
+            (lambda samples: G1.free_responses(samples, DT), samples,
+             (rp.InvalidArgumentError, rp.ArgumentTypeError), "samples")
+            for samples in (-1, 1.0, None)
+        ),
+        *((G1.response, frequency, rp.ArgumentTypeError, "frequency") for frequency in ("ab", None, [1j])),
+    ],
+)  # fmt: skip
+def test_what_a_response_is_asked_for_is_checked(call: Any, value: Any, error: Any, named: str) -> None:
+    with pytest.raises(error, match=named):
+        call(value)

@@ -254,23 +254,21 @@ def test_start_up_takes_a_chunk_as_it_takes_sample_by_sample() -> None:
     assert state(whole) == state(parts) == state(one_by_one)
 
 
-@every("t", ["a", None.__class__, [1.0], 1j], ids=repr)
-def test_a_stamp_that_is_no_number_is_refused(t: Any) -> None:
+@every(
+    ("u", "y", "t"),
+    [
+        *((1.0, 1.0, t) for t in ("a", None.__class__, [1.0], 1j)),
+        *(([1.0, 2.0], [1.0, 2.0], t)
+          for t in ([0.0], [0.0, 1.0, 2.0], [[0.0], [1.0]], ["a", "b"], [None, None])),
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_stamps_that_are_no_numbers_or_of_another_shape_are_refused(u: Any, y: Any, t: Any) -> None:
     ident = identifier()
     ident.update(1.0, 0.5, 0.0)
     before = state(ident)
     with pytest.raises((rp.ArgumentTypeError, rp.InvalidArgumentError), match=r"^t must"):
-        ident.update(1.0, 1.0, t)
-    assert state(ident) == before
-
-
-@every("t", [[0.0], [0.0, 1.0, 2.0], [[0.0], [1.0]], ["a", "b"], [None, None]], ids=repr)
-def test_stamps_of_another_shape_or_kind_are_refused(t: Any) -> None:
-    ident = identifier()
-    ident.update(1.0, 0.5, 0.0)
-    before = state(ident)
-    with pytest.raises((rp.ArgumentTypeError, rp.InvalidArgumentError), match=r"^t must"):
-        ident.update_many([1.0, 2.0], [1.0, 2.0], t)
+        (ident.update_many if isinstance(u, list) else ident.update)(u, y, t)
     assert state(ident) == before
 
 

@@ -121,23 +121,19 @@ def test_the_previous_one_is_found_through_a_link(file: Path, tmp_path: Path) ->
     assert saving.load(link).identifier.samples == 10
 
 
-def test_a_model_is_no_checkpoint_and_the_message_says_what_reads_it(tmp_path: Path) -> None:
-    rp.Model(rp.Structure(1), [1.0, 2.0], 0.1).save(tmp_path / "model.json")
-    with pytest.raises(rp.DamagedCheckpointError, match=r"it is not a checkpoint; .*`load_model` reads a model"):
-        rp.load(tmp_path / "model.json")
-
-
-@every("name", ["log.csv", "log.npz", "log.parquet", "log.mat"])
-def test_a_log_is_no_checkpoint_and_the_message_says_what_reads_it(tmp_path: Path, name: str) -> None:
+@every("name", ["log.csv", "log.npz", "log.parquet", "log.mat", "model.json"])
+def test_a_log_or_a_model_is_no_checkpoint_and_the_message_says_what_reads_it(tmp_path: Path, name: str) -> None:
     file = tmp_path / name
     if name == "log.npz":
         np.savez(file, t=np.arange(3.0), u=np.ones(3), y=np.ones(3))
+    elif name == "model.json":
+        rp.Model(rp.Structure(1), [1.0, 2.0], 0.1).save(file)
     else:
         file.write_bytes({"csv": b"t,u,y\n0,1,0\n0.1,1,0.5\n", "parquet": b"PAR1", "mat": b"MATLAB 5.0"}[name[4:]])
     with pytest.raises(rp.DamagedCheckpointError) as caught:
         rp.load(file)
-    assert str(caught.value).startswith(f"{file}: it is not a checkpoint")
-    assert "read_log" in str(caught.value)
+    assert str(caught.value).startswith(f"{file}: it is not a checkpoint; ")
+    assert ("`load_model` reads a model" if name == "model.json" else "read_log") in str(caught.value)
 
 
 def test_other_mistakes(tmp_path: Path) -> None:

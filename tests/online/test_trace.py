@@ -71,15 +71,16 @@ def test_indices_of_chunks_add_up_also_over_an_empty_one() -> None:
     )
 
 
-@every("true", [[1.0], [1.0] * 5, 1.0, np.ones((3, 4)), np.ones((60, 3))], ids=np.shape)
-def test_true_parameters_of_a_wrong_shape_are_refused(true: object) -> None:
-    with pytest.raises(rp.InvalidArgumentError, match="true must have shape"):
-        identifier().update_many(U, Y).index(true)
-
-
-@every("true", ["abcd", None, [None] * 4, np.ones(4) * 1j], ids=repr)
-def test_true_parameters_that_are_no_numbers_are_refused(true: object) -> None:
-    with pytest.raises(rp.ArgumentTypeError, match="true"):
+@every(
+    ("true", "error", "message"),
+    [
+        *((true, rp.InvalidArgumentError, "true must have shape")
+          for true in ([1.0], [1.0] * 5, 1.0, np.ones((3, 4)), np.ones((60, 3)))),
+        *((true, rp.ArgumentTypeError, "true") for true in ("abcd", None, [None] * 4, np.ones(4) * 1j)),
+    ],
+)  # fmt: skip
+def test_true_parameters_of_a_wrong_shape_or_kind_are_refused(true: object, error: type, message: str) -> None:
+    with pytest.raises(error, match=message):
         identifier().update_many(U, Y).index(true)
 
 

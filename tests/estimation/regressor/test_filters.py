@@ -247,17 +247,21 @@ def test_a_bad_filter_is_refused_by_name(settings: dict[str, Any], named: str) -
 
 
 @every(
-    ("arguments", "named"),
-    [((0, 0.1), "poles"), ((1, 0.0), "dt"), ((1, -1.0), "dt"), ((1, math.nan), "dt"), ((1, 0.1, -1.0), "delay")],
+    ("settings", "arguments", "named"),
+    [
+        ({"cutoff": 1.0}, (0, 0.1), "poles"),
+        ({"cutoff": 1.0}, (1, 0.0), "dt"),
+        ({"cutoff": 1.0}, (1, -1.0), "dt"),
+        ({"cutoff": 1.0}, (1, math.nan), "dt"),
+        ({"cutoff": 1.0}, (1, 0.1, -1.0), "delay"),
+        ({"denominator": [1.0, 3.0, 2.0]}, (3, 0.1), "denominator must have 4 coefficients"),
+    ],
 )
-def test_bad_arguments_of_discretize_are_refused_by_name(arguments: tuple[Any, ...], named: str) -> None:
+def test_bad_arguments_of_discretize_are_refused_by_name(
+    settings: dict[str, Any], arguments: tuple[Any, ...], named: str
+) -> None:
     with pytest.raises(rp.InvalidArgumentError, match=named):
-        rp.StateVariableFilter(cutoff=1.0).discretize(*arguments)
-
-
-def test_a_denominator_of_another_order_is_refused() -> None:
-    with pytest.raises(rp.InvalidArgumentError, match="denominator must have 4 coefficients"):
-        rp.StateVariableFilter(denominator=[1.0, 3.0, 2.0]).discretize(3, 0.1)
+        rp.StateVariableFilter(**settings).discretize(*arguments)
 
 
 def test_any_kind_of_number_will_do() -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import pytest
 
 import replant as rp
 from fuzz.seeds import KINDS, LENGTHS, seed
+from replant.estimation.engine.state import State
 from replant.kernels import schema as at
 from replant.kernels.filters import bank
 from replant.kernels.schema import ROOM
@@ -71,18 +73,6 @@ def test_a_whole_number_outside_of_its_range_is_refused(slot: Slot, value: int) 
         check_state(engine_state(ident), ident.settings, 0)
 
 
-@every("array", ["reals", "banks", "buffer", "recent"])
-@every("value", [np.nan, np.inf, -np.inf])
-def test_a_number_that_must_be_finite_is_refused_where_it_is_not(array: str, value: float) -> None:
-    ident = identifier()
-    ident.update_many(np.ones(20), np.ones(20))
-    assert ident.settings is not None
-    place = (at.StateSlots.input_now.index,) if array == "reals" else (0, 0)
-    getattr(engine_state(ident), array)[place] = value
-    with pytest.raises(rp.DamagedCheckpointError, match="not valid"):
-        check_state(engine_state(ident), ident.settings, 0)
-
-
 def test_nothing_compiled_runs_before_a_state_is_found_sound(monkeypatch: pytest.MonkeyPatch) -> None:
     ident = identifier(structure=rp.Structure(3, 1))
     ident.update_many(np.ones(20), np.ones(20))
@@ -99,35 +89,36 @@ def test_an_identifier_without_a_sample_is_assessed() -> None:
     assert identifier().assess().status == "converging"
 
 
-@every("slot", ["buffer_head", "buffer_filled", "ring_head", "serving_bank", "warming", "recent_head", "past_kept"])
-@every("value", [-1, 2**40])
-def test_a_position_outside_of_its_array_is_refused(slot: str, value: int) -> None:
+def put(array: str, place: tuple[int, ...], value: float) -> Callable[[State], None]:
+    return lambda state: getattr(state, array).__setitem__(place, value)
+
+
+POSITIONS = ["buffer_head", "buffer_filled", "ring_head", "serving_bank", "warming", "recent_head", "past_kept"]
+NOT_VALID = {"reals": (at.StateSlots.input_now.index,), "banks": (0, 0), "buffer": (0, 0), "recent": (0, 0)}
+CHANGES: list[tuple[str, Callable[[State], None], str]] = [
+    *((f"{slot} {value}", partial(lambda slot, value, state: setattr(state, slot, value), slot, value), "outside")
+      for slot in POSITIONS for value in (-1, 2**40)),
+    # the discretisation that a bank computes next
+    *((f"bank {value}", put("banks", (2, bank.NEXT), value), "outside") for value in (-1.0, bank.KEPT, np.nan, np.inf)),
+    # a path of more rows than there is room for
+    *((f"path {value}", partial(lambda value, state: setattr(state.path, "kept", value), value), "outside")
+      for value in (-1.0, ROOM + 1.0, np.nan, np.inf)),
+    *((f"{array} {value}", put(array, place, value), "not valid")
+      for array, place in NOT_VALID.items() for value in (np.nan, np.inf, -np.inf)),
+]  # fmt: skip
+
+
+@every(("change", "words"), [row[1:] for row in CHANGES], ids=[row[0] for row in CHANGES])
+def test_a_position_outside_of_its_array_or_a_number_that_is_not_finite_is_refused(
+    change: Callable[[State], None], words: str
+) -> None:
     ident = identifier()
     ident.update_many(np.ones(20), np.ones(20))
     assert ident.settings is not None
     check_state(engine_state(ident), ident.settings, 0)
-    setattr(engine_state(ident), slot, value)
-    with pytest.raises(rp.DamagedCheckpointError, match="outside"):
+    change(engine_state(ident))
+    with pytest.raises(rp.DamagedCheckpointError, match=words):
         check_state(engine_state(ident), ident.settings, 0)
-
-
-@every("value", [-1.0, bank.KEPT, np.nan, np.inf])
-def test_a_discretisation_outside_of_its_bank_is_refused(value: float) -> None:
-    ident = identifier()
-    assert ident.settings is not None
-    engine_state(ident).banks[2, bank.NEXT] = value
-    with pytest.raises(rp.DamagedCheckpointError, match="outside"):
-        check_state(engine_state(ident), ident.settings, 0)
-
-
-@every("value", [-1.0, ROOM + 1.0, np.nan, np.inf])
-def test_a_path_of_more_rows_than_there_is_room_for_is_refused(value: float) -> None:
-    ident = identifier()
-    assert ident.settings is not None
-    state = engine_state(ident)
-    state.path.kept = value
-    with pytest.raises(rp.DamagedCheckpointError, match="outside"):
-        check_state(state, ident.settings, 0)
 
 
 def test_waiting_for_a_sample_that_has_passed_is_refused() -> None:

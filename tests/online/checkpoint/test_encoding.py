@@ -236,11 +236,29 @@ def test_a_forged_entry_is_refused(act: Callable[[dict[str, Any]], None], words:
         tracemalloc.stop()
 
 
+def entry_twice() -> bytes:
+    data = SMALL["running"]
+    _, _, length = START.unpack_from(data)
+    return assembled(data[START.size : START.size + length].rstrip()[:-1] + b',"progress":{}}', parts(data)[1])
+
+
 @every(
-    "header", [b"[]", b"3", b"{}", b"", b"\xff", b"[" * 100_000, b'{"arrays":' * 50_000, b'{"attributes":{"a":NaN}}']
-)
-def test_a_header_that_is_none_is_refused(header: bytes) -> None:
-    assert reason(assembled(header, b""))
+    ("data", "words"),
+    [
+        *(
+            (assembled(header, b""), "")
+            for header in (
+                b"[]", b"3", b"{}", b"", b"\xff", b"[" * 100_000, b'{"arrays":' * 50_000, b'{"attributes":{"a":NaN}}'
+            )
+        ),
+        (entry_twice(), "JSON"),
+        (sealed(START.pack(MAGIC, VERSION, 2**32 - 1) + b"{}"), "longer"),
+        (sealed(START.pack(MAGIC, VERSION, 3) + b"{}"), "longer"),
+    ],
+    ids=lambda part: repr(part[START.size :])[:30],
+)  # fmt: skip
+def test_a_header_that_is_none_or_longer_than_the_file_is_refused(data: bytes, words: str) -> None:
+    assert words in reason(data)
 
 
 def peak_of_refusal(data: bytes, words: str) -> int:
@@ -326,13 +344,6 @@ def test_a_count_that_cannot_be_is_refused(name: str, value: Any) -> None:
         assert reason(assembled(header, body))
 
 
-def test_an_entry_that_comes_twice_is_refused() -> None:
-    _, body = parts(SMALL["running"])
-    _, _, length = START.unpack_from(SMALL["running"])
-    header = SMALL["running"][START.size : START.size + length].rstrip()
-    assert "JSON" in reason(assembled(header[:-1] + b',"progress":{}}', body))
-
-
 @every(
     ("column", "value"),
     [(INPUT, np.nan), (OUTPUT, np.inf), (OUTPUT, 1e200), (STEP, 0.0), (STEP, np.inf), (BRIDGED, np.nan), (DOUBTED, 7)],
@@ -357,11 +368,6 @@ def test_a_buffer_that_says_it_is_full_and_is_not_in_the_file_is_refused() -> No
     assert "fewer samples" in reason(assembled(header, ints.tobytes() + body[ints.nbytes :]))
 
 
-def test_a_header_longer_than_the_file_is_refused() -> None:
-    assert "longer" in reason(sealed(START.pack(MAGIC, VERSION, 2**32 - 1) + b"{}"))
-    assert "longer" in reason(sealed(START.pack(MAGIC, VERSION, 3) + b"{}"))
-
-
 # --- what goes along, and what it costs
 
 
@@ -371,15 +377,20 @@ def test_progress_goes_along_exactly() -> None:
     assert decode(running().to_bytes()).progress == {}
 
 
-@every("progress", [{"a": None}, {"a": True}, {"a": np.int64(3)}, {"a": [1]}, {3: 1}])
-def test_progress_of_other_kinds_is_refused(progress: Any) -> None:
-    with pytest.raises(rp.InvalidArgumentError, match="progress must map names to int, float or str"):
+KINDS = "progress must map names to int, float or str"
+
+
+@every(
+    ("progress", "message"),
+    [
+        *((each, KINDS) for each in ({"a": None}, {"a": True}, {"a": np.int64(3)}, {"a": [1]}, {3: 1})),
+        ({"story": "x" * 2**20}, "too large"),
+    ],
+    ids=lambda part: str(part)[:30],
+)
+def test_progress_of_other_kinds_or_too_much_is_refused(progress: Any, message: str) -> None:
+    with pytest.raises(rp.InvalidArgumentError, match=message):
         running().to_bytes(progress)
-
-
-def test_too_much_progress_is_refused() -> None:
-    with pytest.raises(rp.InvalidArgumentError, match="too large"):
-        running().to_bytes({"story": "x" * 2**20})
 
 
 def test_rows_that_were_never_written_cost_nothing() -> None:
