@@ -86,6 +86,7 @@ def test_run(
 
 def test_run_without(log: Path, given: list[np.ndarray | None], capsys: pytest.CaptureFixture[str]) -> None:
     main(["run", str(log), *NAMED, "--json"])
+    assert given
     assert all(part is None for part in given)
     capsys.readouterr()
 

@@ -222,10 +222,11 @@ def test_what_the_samples_since_do_not_tell_stays_as_it_was_known() -> None:
 
 
 @every("seed", range(3))
-def test_what_may_have_moved_is_said_to_be_uncertain(seed: int) -> None:
-    """The coefficient of a mode of 20 s jumps by half, its state goes on, and 2 s do not tell it from a load."""
+@every(("since", "is_told"), [(200, False), (800, True)])
+def test_what_may_have_moved_is_said_to_be_uncertain_until_it_is_told(since: int, is_told: bool, seed: int) -> None:
+    """The coefficient of a mode of 20 s jumps by half, its state goes on: 2 s do not tell it from a load, 8 s do."""
     structure, dt, begin = rp.Structure(2, 1), 0.01, 20_000
-    u, after = binary(seed, begin + 200, 40), [1.0, 4.05, 0.3]
+    u, after = binary(seed, begin + since, 40), [1.0, 4.05, 0.3]
     old, new = ((*cont2discrete(tf2ss([8.0, 2.0], den), dt)[:4], dt) for den in ([1.0, 4.05, 0.2], after))
     _, y, state = dlsim(old, u[: begin + 1])
     y = np.append(y[:begin, 0], dlsim(new, u[begin:], x0=state[begin])[1][:, 0])
@@ -234,7 +235,8 @@ def test_what_may_have_moved_is_said_to_be_uncertain(seed: int) -> None:
     trial = Contest(structure, record, begin, known(record, structure, begin)[0])
     claims = trial.claims()  # in the last record the fit to the samples since does not settle, and is a rival
     found = decided(claims)
-    if found is not None and is_sure(claims, found):
+    assert (found is not None and is_sure(claims, found)) == is_told
+    if is_told:
         refined = trial.estimate(found)
         assert refined is not None
         assert abs(refined.theta[1] - after[2]) < 4.0 * np.sqrt(refined.covariance[1, 1])
