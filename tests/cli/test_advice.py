@@ -14,7 +14,7 @@ import pytest
 import replant as rp
 from replant.cli import advice, results
 from replant.online.runs.result import Result
-from replant.verdict.verdict import Assessment
+from replant.verdict.verdict import STATUSES, Assessment
 from support.builders import binary
 from support.cases import every
 from support.command import call
@@ -193,3 +193,38 @@ def test_the_command_of_a_file_whose_name_begins_with_a_dash_runs(
     suggested = shlex.split(out.splitlines()[-1].replace(advice.OTHER_LOG, "./-3.csv"))
     assert suggested[:3] == ["replant", "fit", "./-3.csv"]
     assert call(capsys, *suggested[1:])[0] == 0
+
+
+@pytest.mark.parametrize("status", [status for status in STATUSES if status != "trusted"])
+def test_a_model_that_is_not_usable_is_never_to_be_kept(
+    capsys, log: Path, monkeypatch: pytest.MonkeyPatch, status: str
+) -> None:
+    found = {}
+
+    def walk(result: Result, log: rp.Log, path: str, *, is_searched: bool) -> advice.NextStep:
+        for row in ROWS:
+            verdict = Assessment(status, (said(row),))
+            step = next_step(replace(result, verdict=verdict), log, path, is_searched=is_searched)
+            found[row] = f"{step.words}: {step.command}"
+        return next_step(result, log, path, is_searched=is_searched)
+
+    next_step: Callable[..., Any] = advice.next_step
+    monkeypatch.setattr(results, "next_step", walk)
+    of_log(capsys, log, "fit", "-p", 1, "--delay", 3)
+    assert len(found) == len(ROWS)
+    assert not [row for row, step in found.items() if "keep the model" in step or "--save" in step]
+
+
+@pytest.mark.parametrize(("has_column", "next_is"), [(True, "give the set-point"), (False, "search the structure")])
+def test_in_a_loop_without_a_reference_the_structure_is_searched_where_no_column_may_be_one(
+    capsys, log: Path, walked: Watched, has_column: bool, next_is: str
+) -> None:
+    if not has_column:
+        kept = [
+            ",".join((line.split(",")[0], line.split(",")[1], line.split(",")[4]))
+            for line in log.read_text().splitlines()
+        ]
+        log.write_text("\n".join(kept) + "\n")
+    of_log(capsys, log, "fit", "-p", 1, "--delay", 3)
+    step = dict(walked)["the input answers the residual of the same sample"]
+    assert step.words.startswith(next_is)

@@ -60,9 +60,9 @@ def next_step(result: Result, log: Log, path: str, *, is_searched: bool) -> Next
     if result.verdict.status == "trusted":
         return _keep(situation)
     for reason in result.verdict.reasons:
-        for phrase, step in STEPS:
-            if re.search(phrase, reason):
-                return step(replace(situation, reason=reason))
+        step = next((step for phrase, step in STEPS if re.search(phrase, reason)), _keep)
+        if step is not _keep:  # a reason to keep a model does not make one usable that others speak against
+            return step(replace(situation, reason=reason))
     return _look(situation)
 
 
@@ -188,6 +188,8 @@ def _swap(situation: Situation) -> NextStep:
 def _reference(situation: Situation) -> NextStep:
     if situation.poles > 1 and "unstable" in situation.reason:
         return _fewer(situation)
+    if not (situation.is_searched or any(not time_candidates([name]) for name in situation.log.others)):
+        return _search(situation)  # no column may be one: is the model wrong?
     return _look(situation, "give the set-point as --reference; check which column it is")
 
 
@@ -235,7 +237,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     ),
     (
         r"either its disturbances have more colour|only a reference|give its reference|answers to dist"
-        r"|is a copy of the output",
+        r"|is a copy of the output|answers the residual of the same sample",
         _reference,
     ),
     (
