@@ -367,3 +367,32 @@ def test_one_load_is_no_more_than_one_whatever_the_unit(power: int) -> None:
     found = rp.fit(u, y * 2.0**power, 0.1, poles=(1, 2))
     assert found.loads.tolist() == pytest.approx([700], abs=5)
     assert found.verdict.status == "trusted"
+
+
+@every("seed", [1, 4], quick=1)
+def test_what_the_samples_do_not_determine_is_unknown_and_not_known_exactly(seed: int) -> None:
+    """With too long a dead time, and no noise model, two poles of the second input end beyond any sampling."""
+    u = toggling(seed, samples=1000)
+    y = row_of(u, rp.TransferFunction([-1.0], [1.0, 0.5]), rp.TransferFunction([8.0], [1.0, 5.0]))
+    y += 0.03 * np.random.default_rng(seed).standard_normal(1000)
+    found = rp.fit(u, y, DT, poles=(1, 2), delay=(0.0, 0.3))
+    known, unknown = found.uncertainty
+    assert (known.std > 0.0).all()
+    assert (known.std < 0.5).all()
+    assert np.isinf(unknown.std).all()
+    assert (np.diag(found.covariance) > 0.0).all()
+
+
+@every("inputs", [1, 2])
+@every("scale", [1e-140, 1e-160, 1e-300])
+def test_signals_whose_squares_leave_float64_are_refused(inputs: int, scale: float) -> None:
+    u = toggling(1, samples=400)[:, :inputs]
+    y = noisy(1, row_of(u, *(FAST, SLOW)[:inputs]))
+    poles: Any = (2, 1)[:inputs] if inputs > 1 else 2
+    if scale >= 1e-150:
+        assert rp.fit(u.squeeze(), scale * y, DT, poles=poles).parameters[:2] == pytest.approx(
+            rp.fit(u.squeeze(), y, DT, poles=poles).parameters[:2], rel=1e-6
+        )
+        return
+    with pytest.raises(rp.InvalidArgumentError, match=r"output.* moves by .* only, whose square leaves float64"):
+        rp.fit(u.squeeze(), scale * y, DT, poles=poles)

@@ -17,7 +17,7 @@ from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
 from replant.logs.log import without_added
 from replant.model.noise import NoiseModel
-from replant.model.preprocess import accepted, screen
+from replant.model.preprocess import accepted, check_moves, screen
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
@@ -156,7 +156,7 @@ def ready_row(
 
 
 def check_numbers(given: Samples, columns: FloatArray, output: FloatArray, references: FloatArray | None) -> None:
-    """Raise an InvalidArgumentError that names a signal without usable numbers."""
+    """Raise an InvalidArgumentError that names a signal without usable numbers, or whose squares leave float64."""
     names = given.input_names or unnamed(columns.shape[1])
     signals = [
         *zip((f"input {name}" for name in names), columns.T, strict=True),
@@ -169,6 +169,7 @@ def check_numbers(given: Samples, columns: FloatArray, output: FloatArray, refer
     for name, signal in signals:
         if signal.size and not accepted(signal)[1].any():
             raise InvalidArgumentError(f"{name} has no number that can be used: leave it out, or give one that has")
+        check_moves(name, signal)
 
 
 @quiet

@@ -38,7 +38,15 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray, array_of_reals
 from replant.numerics.autoregression import Autoregression, duration_of
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of, products
+from replant.numerics.linear_algebra import (
+    LEAST_PIVOT,
+    chi2_quantile,
+    combined,
+    compose,
+    factor_information,
+    inverse_of,
+    products,
+)
 from replant.verdict.loop import COPIED, NO_USE, STILL, Reference, fault_of
 from replant.verdict.miso_inputs import answering, controlled, timing
 from replant.verdict.miso_tests import GIVEN_UP, lacking, of_rivals
@@ -242,7 +250,7 @@ def _by_instruments(row: Row, begins: tuple[FloatArray, ...]) -> RowEstimate:
     others = tuple(rival.theta for rival in rivals)
     # M^-1 Q M^-T, M = sum zeta phi': a noise model does not remove all colour of disturbances within the loop
     inverse = inverse_of(np.asarray(sum(products(zeta, phi) for zeta, phi in zip(point.zeta, point.phi, strict=True))))
-    covariance = _coloured(row, point, colour_of(row, point.error), inverse, inverse.T, point.zeta)
+    covariance = _coloured(row, point, colour_of(row, point.error), inverse, point.zeta)
     return RowEstimate(point, noise, covariance, tuple(findings), others)
 
 
@@ -308,20 +316,27 @@ class _Estimates(NamedTuple):
 
 def covariance_of(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:
     """Return the covariance (P, P) of a point: s^2 M^-1, or M^-1 Q M^-1 if its error has a colour."""
-    inverse = compose(*factor_information(point.information))
+    upper, variances = factor_information(point.information)
+    inverse = compose(upper, variances)
+    white = np.asarray(inverse * point.cost / max(row.count - _unknowns(row, point), 1))
     if colour is None:
-        return np.asarray(inverse * point.cost / max(row.count - _unknowns(row, point), 1))
-    return _coloured(row, point, colour, inverse, inverse, point.phi)
+        return white
+    coloured = _coloured(row, point, colour, inverse, point.phi)
+    # of a direction that the samples do not determine M^-1 has a bound, and Q rounding errors
+    if (variances * np.diag(point.information) < 0.5 / LEAST_PIVOT).all():
+        return coloured
+    stretch = np.sqrt(np.maximum(np.diag(white) / np.diag(coloured), 1.0))
+    return np.asarray(coloured * np.outer(stretch, stretch))
 
 
 def _coloured(
-    row: Row, point: Point, colour: Autoregression, left: FloatArray, right: FloatArray, columns: Sequence[FloatArray]
+    row: Row, point: Point, colour: Autoregression, inverse: FloatArray, columns: Sequence[FloatArray]
 ) -> FloatArray:
-    """Return left Q right: Q is the squares of columns filtered by 1/D backwards in time, times the variance of D e."""
-    backwards = [colour.colour(each[::-1]) for each in columns]
-    squares = np.asarray(sum(products(each, each) for each in backwards))
+    """Return M^-1 Q M^-T: Q is the squares of columns filtered by 1/D backwards in time, times the variance of D e."""
+    # squares of the products: rounding errors leave no negative variance
+    scattered = [combined(colour.colour(each[::-1]), np.ascontiguousarray(inverse.T)) for each in columns]
     variance = colour.power / max(colour.count - _unknowns(row, point), 1.0)
-    return np.asarray(variance * left @ squares @ right)
+    return np.asarray(variance * sum(products(each, each) for each in scattered))
 
 
 def _unknowns(row: Row, point: Point) -> int:

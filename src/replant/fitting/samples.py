@@ -18,7 +18,7 @@ from replant.logs.log import Log, unused, without_added
 from replant.logs.read import in_python, log_of_frame
 from replant.logs.sampling_time import clock_of
 from replant.model.interop import unit_of, without_unit
-from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
+from replant.model.preprocess import Preprocess, accepted, check_moves, rejected_in_words, screen
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import BoolArray, FloatArray, is_frame, record
@@ -174,6 +174,8 @@ class Samples:
                 f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
                 f"{structure.size} parameters need{beside}: record more, or ask for fewer poles and zeros"
             )
+        for name, signal in (("the input", preprocess.map_input(u)), ("the output", y)):
+            check_moves(name, signal)
         lasts = dt * (u.size - 1) if stamps is None else float(stamps[-1] - stamps[0])
         if not structure.delay < lasts:
             raise InvalidArgumentError(

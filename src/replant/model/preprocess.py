@@ -118,6 +118,14 @@ def accepted(signal: FloatArray) -> tuple[FloatArray, BoolArray]:
     return np.where(known, signal, np.nan), known
 
 
+def check_moves(name: str, signal: FloatArray) -> None:
+    """Raise an InvalidArgumentError if a signal (K,) moves by so little that its squares leave float64."""
+    known = signal[accepted(signal)[1]]
+    moves = float(np.ptp(known)) if known.size else 0.0
+    if 0.0 < moves < 1.0 / LARGEST:
+        raise InvalidArgumentError(f"{name} moves by {moves:.2g} only, whose square leaves float64: change its unit")
+
+
 def _working_point(name: str, value: WorkingPoint) -> WorkingPoint:
     return one_of(name, value, ("first", "mean")) if isinstance(value, str) else finite(name, value)
 
