@@ -316,7 +316,7 @@ def test_a_model_stays_trusted_while_all_inputs_rest_and_it_is_said() -> None:
         (lambda: begun(input_names=("Q1", "Q1")), "input_names must be 2 different names"),
         (lambda: begun(input_hold="spline"), "input_hold must be one of"),
         (lambda: begun().update(1.0, 2.0), r"u must be a number for each of 2 inputs"),
-        (lambda: begun().update((1.0, 2.0, 3.0), 2.0), "a number for each of 2 inputs"),
+        (lambda: begun().update((1.0, 2.0, 3.0), 2.0), r"a number for each of 2 inputs, got \(1.0, 2.0, 3.0\)"),
         (lambda: begun().update((1.0, "x"), 2.0), "u must hold real numbers"),
         (lambda: begun().update((1.0, 1.0), 2.0, r="x"), "reference must hold real numbers"),
         (lambda: begun().update_many(np.zeros((3, 2)), np.zeros(2)), "of 2 samples|for 2 outputs"),

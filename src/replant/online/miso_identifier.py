@@ -181,6 +181,9 @@ class RowIdentifier(Identification):
             error = self._take_one(u, y, t)
             if error is not None:
                 return error
+        count, given = len(self.structures), array_of_reals("u", u)
+        if given.shape != (count,):
+            raise InvalidArgumentError(f"u must be a number for each of {count} inputs, got {shown(u)}")
         trace = self.update_many([u], [y], None if t is None else [number("t", t)], None if r is None else [r])
         return float(trace.errors[0])
 
