@@ -271,3 +271,32 @@ def test_the_row_in_python_control_answers_as_the_branches_do(model: rp.RowModel
     assert (system.ninputs, system.noutputs) == (2, 1)
     for number, g in enumerate(model.transfer_functions):
         assert control.dcgain(system)[0, number] == pytest.approx(g.dc_gain)
+
+
+def test_the_row_has_what_its_parts_have(model: rp.RowModel) -> None:
+    parts = [model.of_input(number) for number in range(2)]
+    for name in ("step", "bode"):
+        for ours, theirs in zip(getattr(model, name)(), (getattr(part, name)() for part in parts), strict=True):
+            assert repr(ours) == repr(theirs)
+    at_once = replace(model, structures=tuple(replace(each, delay=0.0) for each in model.structures))
+    assert [[*each.den] for each in at_once.to_scipy()] == [[*g.den] for g in model.transfer_functions]
+    assert model.to_sympy() == tuple(part.to_sympy() for part in parts)
+    shown = model._repr_html_()
+    assert shown.count("<table>") == 2
+    assert shown.count(f"<b>{model.verdict.status}</b>") == 1
+    assert all(part._repr_html_().count("<td") and f"{part.input_name} → {part.output_name}" in shown for part in parts)
+    matrix = rp.MatrixModel((model, replace(model, output_name="y2")))
+    assert matrix._repr_html_().count("<table>") == 4
+
+
+@pytest.mark.parametrize("dt", [DT, 2.0 * DT])
+def test_a_log_is_simulated_as_its_inputs_are(model: rp.RowModel, dt: float) -> None:
+    u, y = record(4)
+    t = dt * np.arange(len(u))
+    log = rp.Log(u[:, 1], y, dt, input_name="u2", others={"u1": u[:, 0]}, more_inputs=("u1",))
+    assert model.simulate(log) == pytest.approx(model.simulate(u, t), abs=1e-9)
+    one = rp.Log(u[:, 0], y, dt)
+    assert model.of_input(0).simulate(one) == pytest.approx(model.of_input(0).simulate(u[:, 0], t), abs=1e-9)
+    for each, of in ((model, log), (model.of_input(0), one)):
+        with pytest.raises(rp.InvalidArgumentError, match="a log has its own time"):
+            each.simulate(of, t)

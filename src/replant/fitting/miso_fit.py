@@ -109,6 +109,9 @@ class RowFit:
         """Whether to trust the row, and why in plain words."""
         return self.model.verdict
 
+    def _repr_html_(self) -> str:
+        return self.model._repr_html_()
+
     def __repr__(self) -> str:
         pairs = zip(self.model.input_names, self.transfer_functions, strict=True)
         head = f"RowFit of {self.samples} samples, fit {self.fit:.2f} %, {self.verdict.status}"

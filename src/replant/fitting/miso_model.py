@@ -14,8 +14,9 @@ from replant.estimation.simulation.fitted_run import fit_percent
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate, noise_of
 from replant.estimation.simulation.model_run import model_output, runs_away
 from replant.fitting import model_file, model_json
-from replant.fitting.model import Model, run_from, unstable_error, usual_interval, with_noise
+from replant.fitting.model import Model, clock_of_log, html, run_from, unstable_error, usual_interval, with_noise
 from replant.fitting.model_fields import RowFields, has_rest, unnamed
+from replant.fitting.responses import Bode, StepResponse
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model import interop
@@ -102,8 +103,9 @@ class RowModel(model_file.Written, RowFields):
 
         Parameters
         ----------
-        u : (K, q) array
-            A column per input; one that is not finite is replaced by the last finite one.
+        u : (K, q) array or Log
+            A column per input; one that is not finite is replaced by the last finite one.  Of a log, those of its
+            inputs, found by their names, and its clock.
         t : (K,) array, optional
             Time stamps in s, strictly increasing; without them samples are `dt` apart.
 
@@ -118,6 +120,8 @@ class RowModel(model_file.Written, RowFields):
     @quiet
     def contributions(self, u: Any, t: Any = None) -> FloatArray:
         """Return the response to each input (K, q), as deviations from the working point; see `simulate`."""
+        if isinstance(u, Log):
+            u, t = in_order(u, self.input_names), clock_of_log(u, self.dt, t)
         columns = self._columns(u)
         stamps = None if t is None else increasing(t, len(columns))
         span = self.dt * self.provenance.samples or math.inf
@@ -280,6 +284,29 @@ class RowModel(model_file.Written, RowFields):
     def to_control(self, pade: int | None = None) -> Any:
         """Return the row as `control.TransferFunction` of one output, q inputs; see `TransferFunction.to_control`."""
         return interop.control_matrix([[g.to_control(pade) for g in self.transfer_functions]])
+
+    def to_scipy(self) -> tuple[Any, ...]:
+        """Return G(s) from each input as `scipy.signal.TransferFunction`."""
+        return tuple(g.to_scipy() for g in self.transfer_functions)
+
+    def to_sympy(self) -> tuple[Any, ...]:
+        """Return G(s) from each input as an expression of SymPy in the symbol s."""
+        return tuple(g.to_sympy() for g in self.transfer_functions)
+
+    def step(self, duration: float | None = None) -> tuple[StepResponse, ...]:
+        """Return the response to a unit step of each input, see `Model.step`."""
+        return tuple(each.step(duration) for each in self._models)
+
+    def bode(self, frequency: Any = None) -> tuple[Bode, ...]:
+        """Return magnitude and phase from each input, see `Model.bode`."""
+        return tuple(each.bode(frequency) for each in self._models)
+
+    @property
+    def _models(self) -> list[Model]:
+        return [self.of_input(number) for number in range(len(self.structures))]
+
+    def _repr_html_(self) -> str:
+        return html(self, self._models)
 
     def __repr__(self) -> str:
         fit = "" if math.isnan(self.simulated_fit) else f", fit {self.simulated_fit:.1f} %"

@@ -6,6 +6,7 @@ import dataclasses
 import html as escaped
 import math
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -87,8 +88,8 @@ class Model(model_file.Written, ModelFields):
 
         Parameters
         ----------
-        u : (K,) array
-            Raw input; one that is not finite is replaced by the last finite one.
+        u : (K,) array or Log
+            Raw input; one that is not finite is replaced by the last finite one.  Of a log, its input and clock.
         t : (K,) array, optional
             Time stamps in s, strictly increasing; without them samples are `dt` apart.
         y : (K,) array, optional
@@ -108,6 +109,8 @@ class Model(model_file.Written, ModelFields):
         >>> model.simulate([5.0, 5.0])
         array([14., 14.])
         """
+        if isinstance(u, Log):
+            u, t = u.input, clock_of_log(u, self.dt, t)
         v = self.linear_input(u)
         stamps = None if t is None else increasing(t, v.size)
         if y is not None:
@@ -241,6 +244,13 @@ class Model(model_file.Written, ModelFields):
         return html(self)
 
 
+def clock_of_log(log: Log, dt: float, t: Any) -> FloatArray | None:
+    """Return the time stamps of a log's samples; None if they are ``dt`` apart.  ``t``: stamps given beside it."""
+    if t is not None:
+        raise InvalidArgumentError("a log has its own time: leave out t")
+    return log.stamps if log.stamps is not None or log.dt == dt else log.dt * np.arange(len(log), dtype=np.float64)
+
+
 def run_from(
     g: TransferFunction, v: FloatArray, dt: float, input_hold: str, stamps: FloatArray | None, *, at_rest: bool
 ) -> tuple[float, FloatArray]:
@@ -321,7 +331,7 @@ def in_lines(kind: str, model: ModelFields, samples: int, reasons: tuple[str, ..
     lines = [
         f"<{kind} {model.transfer_function}: {model.input_name} -> {model.output_name}",
         *textwrap.wrap(", ".join(known), WIDTH, max_lines=COEFFICIENT_LINES),
-        f"fit {fit}; {samples:,} samples",
+        f"fit {fit or 'unknown'}; {samples:,} samples",
         f"{model.verdict.status}: {shown[0] if shown else ''}",
         *shown[1:],
     ]
@@ -337,8 +347,18 @@ def latex(model: TransferFunction) -> str:
 CELL = 'style="padding: 0 1em 0 0; text-align: left"'  # without it a page may leave no room between two cells
 
 
-def html(model: ModelFields) -> str:
-    """Return G(s), the coefficients with their standard deviations, the poles and the verdict as HTML."""
+def html(model: Any, parts: Sequence[ModelFields] = ()) -> str:
+    """Return G(s), the coefficients with their standard deviations, the poles and the verdict as HTML.
+
+    ``parts``: the model of each input, if there are several.
+    """
+    fit = "not known" if math.isnan(model.simulated_fit) else f"{model.simulated_fit:.1f} %"
+    reasons = "".join(f"<li>{escaped.escape(reason)}</li>" for reason in model.verdict.reasons)
+    figures = "".join(map(_figures, parts or [model]))
+    return f"<div>{figures}<p>fit {fit}<br>verdict <b>{model.verdict.status}</b></p><ul>{reasons}</ul></div>"
+
+
+def _figures(model: ModelFields) -> str:
     std = None if model.uncertainty is None else model.uncertainty.std
     rows = []
     for i, name in enumerate(model.names):
@@ -346,13 +366,10 @@ def html(model: ModelFields) -> str:
         cells = (name, f"{model.parameters[i]:.5g}", known)
         rows.append("<tr>" + "".join(f"<td {CELL}>{cell}</td>" for cell in cells) + "</tr>")
     poles = ", ".join(f"{pole:.4g}" for pole in model.transfer_function.poles.tolist())
-    fit = "not known" if math.isnan(model.simulated_fit) else f"{model.simulated_fit:.1f} %"
-    reasons = "".join(f"<li>{escaped.escape(reason)}</li>" for reason in model.verdict.reasons)
     signals = escaped.escape(f"{model.input_name} → {model.output_name}")
     return (
-        f"<div><p><b>G(s)</b> = {escaped.escape(str(model.transfer_function))}<br>{signals}, dt {model.dt:g} s</p>"
-        f"<table>{''.join(rows)}</table>"
-        f"<p>poles {poles} rad/s<br>fit {fit}<br>verdict <b>{model.verdict.status}</b></p><ul>{reasons}</ul></div>"
+        f"<p><b>G(s)</b> = {escaped.escape(str(model.transfer_function))}<br>{signals}, dt {model.dt:g} s</p>"
+        f"<table>{''.join(rows)}</table><p>poles {poles} rad/s</p>"
     )
 
 

@@ -173,6 +173,9 @@ class MatrixModel(model_file.Written):
         model_json.check_layout(read, cls.LAYOUT)
         return cls(tuple(RowModel._of_object(row) for row in model_json.entry(read, "rows", list)))
 
+    def _repr_html_(self) -> str:
+        return "".join(row._repr_html_() for row in self.rows)
+
     def __repr__(self) -> str:
         return "\n".join([f"<MatrixModel of {len(self.rows)} outputs:", *map(repr, self.rows)]) + ">"
 
@@ -208,6 +211,9 @@ class MatrixFit:
     def output(self) -> FloatArray:
         """Simulated outputs (K, p)."""
         return np.column_stack([row.output for row in self.rows])
+
+    def _repr_html_(self) -> str:
+        return self.model._repr_html_()
 
     def __repr__(self) -> str:
         return "\n".join(f"{row.model.output_name}: {row!r}" for row in self.rows)
