@@ -228,3 +228,12 @@ def test_without_scikit_learn_the_message_says_what_to_install() -> None:
         "else:\n    raise SystemExit('no error')"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
+
+
+def test_two_columns_are_two_inputs_with_poles_of_each() -> None:
+    u = np.column_stack([binary(1, 400, 8), binary(2, 400, 13)])
+    with pytest.raises(
+        ValueError, match=r"choose one with column=, or give the number of poles of each, poles=\(1, 1\)"
+    ):
+        TransferFunctionRegressor(poles=1, dt=0.05).fit(u, u[:, 0])
+    assert len(TransferFunctionRegressor(poles=(1, 1), dt=0.05).fit(u, u @ [1.0, 2.0]).transfer_functions_) == 2

@@ -269,8 +269,10 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
             return np.ascontiguousarray(X)
         if self.column is None:
             if X.shape[1] != 1:
+                several = (self.poles,) * X.shape[1]
                 raise InvalidArgumentError(
-                    f"X must have one column, the input, got {X.shape[1]}: choose one with column="
+                    f"X must have one column, the input, got {X.shape[1]}: choose one with column=, or give the number "
+                    f"of poles of each, poles={several}"
                 )
             return np.ascontiguousarray(X[:, 0])
         column = whole("column", self.column, 0)
