@@ -158,6 +158,7 @@ def test_a_verdict_that_is_required_and_missed_ends_with_3(
     [
         (("show", "none.json"), "none.json: no such file"),
         (("validate", "LOG", "LOG"), "it is not JSON"),
+        (("show", "id.bin"), "it is a checkpoint of an identifier; `replant.load` reads it"),
         (("validate", "MODEL", "none.csv"), "none.csv"),
         (("validate", "MODEL", "LOG", "--input", "flow"), "flow"),
         (("fit", "LOG", *COLUMNS, "--poles", "1", "--save", "no/m.json"), "there is no folder"),
@@ -176,6 +177,7 @@ def test_mistakes_are_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     call(capsys, "fit", logs[0], *COLUMNS, "--poles", 1, "--save", "MODEL")
+    rp.Identifier(rp.Structure(1), dt=0.1).save("id.bin")
     code, out, err = call(capsys, *[str(logs[0]) if word == "LOG" else word for word in arguments])
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert words in err

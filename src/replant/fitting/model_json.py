@@ -131,12 +131,19 @@ def check_consistent(read: dict[str, Any], model: ModelFields | RowFields) -> No
         raise ModelFileError("'delay' contradicts 'structure': change both, or neither")
 
 
+CHECKPOINT = b"\x89replant"  # the first bytes of a file of `Identifier.save`
+
+
 def parsed(written: str | bytes) -> Any:
     """Return the content of a JSON text, without a check of its entries."""
     if not isinstance(written, str | bytes | bytearray):
         raise ArgumentTypeError(f"written must be the text of a model, got {type(written).__name__} {shown(written)}")
     if len(written) > LARGEST:
         raise ModelFileError(f"it has {len(written):,} characters, where a model has {LARGEST:,} at most")
+    if isinstance(written, bytes) and written.startswith(CHECKPOINT):
+        raise ModelFileError(
+            "it is a checkpoint of an identifier; `replant.load` reads it, and `model` of that is its model"
+        )
     try:
         read = json.loads(written, parse_constant=_refuse, object_pairs_hook=_without_repeats)
     except (ValueError, RecursionError) as error:  # also of bytes that are no text
