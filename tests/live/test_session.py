@@ -376,7 +376,8 @@ def piped(text: str) -> PipeSource:
     ("text", "more", "said", "counters"),
     [
         ("0;1;2\n1;1;2\n", {},
-         r"^-: no sample could be read; the first line is '0;1;2': not a number; expected u,y or t,u,y or n,t,u,y, or",
+         r"^-: no sample could be read; the first line is '0;1;2': not a number; "
+         "separate numbers by commas: 0,1,2; expected u,y or t,u,y or n,t,u,y, or",
          {"not a number": 2}),
         ("0;1;2\n1;2;3\n", {"progress": Progress(taken=100)}, "no sample could be read", {"not a number": 2}),
         ("u,y,\x1b[2Jz\n1;2;3\n", {}, "expected u,y, or JSON objects", {"not a number": 1}),

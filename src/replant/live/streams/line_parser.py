@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 from collections import Counter
 from collections.abc import Sequence
 from itertools import chain
@@ -102,6 +103,16 @@ def _number(name: str, value: Any) -> float:
         with contextlib.suppress(OverflowError):
             return float(value)
     raise Malformed("not a number")
+
+
+def _as_csv(line: str | bytes) -> str:
+    """Return how the numbers of a line with other separators are to be written; empty if it has none."""
+    cells = [cell.replace(",", ".") for cell in re.split(r"[;\s]+", line.strip())] if isinstance(line, str) else []
+    try:
+        written = ",".join(f"{parse_number(cell):g}" for cell in cells)
+    except ValueError:
+        return ""
+    return f"; separate numbers by commas: {written}" if len(cells) > 1 else ""
 
 
 LONGEST = 1 << 16  # longest line; a longer one is skipped [bytes]
@@ -294,7 +305,7 @@ class Parser:
 
     def _refuse(self, given: str | bytes, reason: Malformed) -> None:
         self._counters[str(reason)] += 1
-        self.refused = self.refused or f"{shown(given)}: {reason}"
+        self.refused = self.refused or f"{shown(given)}: {reason}{_as_csv(given)}"
 
     def _line(self, line: str) -> list[Row]:
         if line[0] in "{[":
