@@ -596,3 +596,17 @@ def test_recording_into_a_used_folder_is_refused(tmp_path: Path) -> None:
     assert code == 2
     assert "already holds a record; choose another folder" in err
     assert err.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("query", ["?input=u&output=y", "?dt=0.01"])
+def test_a_log_tells_the_sampling_time(capfd: pytest.CaptureFixture, tmp_path: Path, query: str) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("t,u,y\n" + "".join(f"{0.01 * k:.2f},{u},{y}\n" for k, (u, y) in enumerate(zip(U, Y, strict=True))))
+    said = []
+    for more in ([], ["--dt", "0.01"]):
+        main(["live", f"{log}{query}", "--poles", "1", "--to", "-", "--samples", "700", *more])
+        captured = capfd.readouterr()
+        said.append(json.loads(captured.out.splitlines()[-1]))
+        assert ("note: --dt 0.01: the interval of" in captured.err) == (not more)
+    assert said[0]["a0"] == said[1]["a0"]

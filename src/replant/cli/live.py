@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
 from pathlib import Path
@@ -11,17 +12,19 @@ import click
 
 from replant.cli import run_fit_compare_options as shared
 from replant.cli.conditioning_options import seconds_of
+from replant.cli.messages import note
 from replant.cli.option_types import Choice, column_option, flag, parsed, path_option, real, structure_options
-from replant.errors import InvalidArgumentError, needs
+from replant.errors import InvalidArgumentError, ReplantError, needs
 from replant.estimation.settings import Request
 from replant.live.dashboard.server import PAGES_NEED
 from replant.live.judge_process import DashboardAddress
 from replant.live.progress import AnyRequest, Limits
 from replant.live.session import run
 from replant.live.streams import UY, Signals
-from replant.live.streams.addresses import Address, parts_of
+from replant.live.streams.addresses import REPLAY, Address, parts_of
 from replant.live.streams.source import REFERENCE
 from replant.live.view import UNNAMED
+from replant.logs.read import open_recording
 from replant.numerics.operating_system import one_line
 from replant.online.miso_identifier import RowIdentifier
 from replant.rigs import Rig, deap_rig, motor_rig
@@ -123,7 +126,7 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
     """
     if loop:
         source = looped(source)
-    address, _ = parts_of(source)  # raises where there is no such source, before an option is missed
+    address, opener = parts_of(source)  # raises where there is no such source, before an option is missed
     demo = demo_of(source)
     if demo is not None:
         if _signals(options) != UY:
@@ -136,6 +139,8 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
         options["input_map"] = rig.input_map
     page, token = options["dashboard"], _token(options)
     columns = _signals(options)
+    if options["dt"] is None and opener == REPLAY:
+        options["dt"] = _interval_of(address, columns)
     names = UNNAMED if columns == UY else columns
     trusted = run(
         source,
@@ -206,6 +211,18 @@ def _request(options: dict[str, Any]) -> AnyRequest:
         return RowIdentifier(**orders, dt=options["dt"], startup=options["startup"], input_names=inputs).request
     structure, more = shared.structure_of(options), {name: options[name] for name in ("optimizer", "startup")}
     return Request(structure, options["dt"], preprocess=shared.preprocess_of(options), **more)
+
+
+def _interval_of(address: Address, signals: Signals) -> float | None:
+    """Return the sampling time of a recorded log; None if it is no log, or tells none."""
+    given = address.options
+    keys = (given.get("input", "u"), given.get("output", "y")) if signals == UY else (signals.inputs, signals.output)
+    named: dict[str, Any] = {"input": keys[0], "output": keys[1], "time": given.get("time"), "dt": address.number("dt")}
+    with contextlib.suppress(ReplantError):
+        dt = open_recording(address.path, **named).dt
+        note(f"--dt {dt:g}: the interval of {address.path}")
+        return dt
+    return None
 
 
 def _has_reference(address: Address) -> bool:

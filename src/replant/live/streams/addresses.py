@@ -114,6 +114,7 @@ SCHEMES = {
     "serial": ("serial_and_network.SerialSource", "serial:///dev/ttyUSB0?baud=115200"),
     "mqtt": ("serial_and_network.MqttSource", "mqtt://127.0.0.1:1883/rig/1"),
 }
+REPLAY = "demo.open_replay"  # what opens a recorded log
 _OTHERS = "-, demo, log.csv?speed=10"
 
 
@@ -163,8 +164,8 @@ def parts_of(url: str) -> tuple[Address, str]:
         path, query = url, ""
     if not path:
         raise InvalidArgumentError(f"{url!r}: the source is missing; write {SCHEMES['tcp'][1]}, {_OTHERS}")
-    opener = {"-": "serial_and_network.PipeSource", "demo": "demo.open_demo"}.get(path, "demo.open_replay")
-    if opener == "demo.open_replay" and not os.path.exists(path):  # noqa: PTH110 - Path raises for some names
+    opener = {"-": "serial_and_network.PipeSource", "demo": "demo.open_demo"}.get(path, REPLAY)
+    if opener == REPLAY and not os.path.exists(path):  # noqa: PTH110 - Path raises for some names
         raise LogError(f"{path}: no such file; check the path")
     return Address(url, "", path=path, options=options_of(url, query)), opener
 
