@@ -243,3 +243,20 @@ def test_how_long_a_gap_lasts_does_not_matter(gap: float) -> None:
     assert ident.status == "running"
     assert (np.abs(ident.parameters - TRUE) < 4.0 * ident.uncertainty.std).all()
     assert (ident.uncertainty.std < 0.05 * TRUE).all()
+
+
+def test_of_a_constant_output_each_attempt_that_failed_is_said_and_at_the_end_no_further_one() -> None:
+    u = np.random.default_rng(1).choice([-1.0, 1.0], 150).repeat(10)
+    ident = rp.Identifier(rp.Structure(2), 0.02, startup=150)
+    ident.update_many(u, np.full(1500, 5.0))
+    assert (
+        ident.assess().reasons[-1]
+        == "starting: 1500 of the 2400 samples for the first model; 1200 gave none that is usable"
+    )
+    ident.finish()
+    assert ident.assess().reasons[-1] == "the record of 1500 samples gives no usable model"
+    assert rp.Identifier.from_bytes(ident.to_bytes()).assess().reasons == ident.assess().reasons
+    assert ident.loads == ()
+    assert ident.left_out.size == 0
+    ident.update(1.0, 5.0)
+    assert ident.assess().reasons[-1].startswith("starting: 1501 of the 2400 samples")

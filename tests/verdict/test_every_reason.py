@@ -60,6 +60,13 @@ def run(u: Array, y: Array, structure: rp.Structure = ONE, t: Array | None = Non
     return ident.assess()
 
 
+def finished(u: Array, y: Array) -> Verdict:
+    ident = rp.Identifier(ONE, DT)
+    ident.update_many(u, y)
+    ident.finish()
+    return ident.assess()
+
+
 def fit(u: Array, y: Array, structure: rp.Structure = ONE, **options: Any) -> Verdict:
     return rp.fit(u, y, DT, structure, **options).verdict
 
@@ -439,6 +446,10 @@ PAIRS: dict[str, Pair] = {
     "the estimate has used every sample: none is left": (
         lambda: run(U[:500], out(U[:500])),
         right,
+    ),
+    "samples gives no usable model": (
+        lambda: finished(U[:10], out(U[:10])),
+        lambda: run(U[:10], out(U[:10])),
     ),
     "samples for the first model": (lambda: run(U[:90], out(U[:90])), lambda: run(U[:700], out(U[:700]))),
     "too few raw samples are kept to solve the record again, and to check": (

@@ -257,7 +257,11 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"residual (began to|had) grow|power of the residual|largest power|alone would put|residual is as usual", _part),
     (UNSURE, _fewer),
     (r"abs G is known to|is known to \S+ % only|varies slowly|rely on G", _fewer),
-    (r"has moved by|coefficient that differs|too few|none is left|first model|provisional|estimate of", _wait),
+    (
+        r"has moved by|coefficient that differs|too few|none is left|first model|no usable model|provisional"
+        r"|estimate of",
+        _wait,
+    ),
     (
         r"answers the residual|is moved by the reference|is told apart|the model fits the output|may be chance"
         r"|the samples since",

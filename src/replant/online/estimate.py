@@ -201,7 +201,7 @@ class Estimate(Identification):
     def left_out(self) -> BoolArray:
         """Which samples (K,) of the record the solution of `Identifier.finish` left out; (0,) without one."""
         state = self._state
-        solved = state.finished_at == state.samples
+        solved = self._settings is not None and state.finished_at == state.samples
         return RecentSamples.of(state, STORED).is_bridged if solved else np.zeros(0, bool)
 
     @property
@@ -209,7 +209,7 @@ class Estimate(Identification):
     def loads(self) -> tuple[int, ...]:
         """Accepted samples before each load that `Identifier.finish` has found; empty once samples follow."""
         state = self._state
-        solved = state.finished_at == state.samples and not state.undecided
+        solved = self._settings is not None and state.finished_at == state.samples and not state.undecided
         return RecentSamples.of(state, STORED).loads if solved else ()
 
     @property
@@ -247,5 +247,7 @@ class Estimate(Identification):
         if self._settings is None:
             found = self._provisional
             solved, uncertainty = (0, np.nan) if found is None else (found[0], found[1].uncertainty)
-            return assess_starting(self._request, collected(self._state), self._hold, solved, uncertainty)
+            state = self._state
+            finished, kept = state.finished_at == state.samples, collected(state)
+            return assess_starting(self._request, kept, self._hold, solved, uncertainty, finished=finished)
         return assess_running(self._state, self._settings, self._request.history)

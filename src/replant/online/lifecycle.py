@@ -337,6 +337,7 @@ class Lifecycle(Estimate):
         if not is_begun and self._state.samples:
             self._end_startup(at_any_rate=True)
         if self._settings is None:
+            self._state.finished_at = self._state.samples
             return
         before = self._state
         if before.alarm:

@@ -122,14 +122,23 @@ def assess_running(state: State, settings: Settings, history: int) -> Assessment
     return judge(evidence_of(state, settings))
 
 
-def assess_starting(request: Request, kept: RecentSamples, wanted: int, solved: int, uncertainty: float) -> Assessment:
-    """Return the verdict during start-up; ``solved``: samples of the provisional model, or 0."""
+def assess_starting(
+    request: Request, kept: RecentSamples, wanted: int, solved: int, uncertainty: float, *, finished: bool
+) -> Assessment:
+    """Return the verdict during start-up; ``solved``: samples of the provisional model, or 0; ``finished``: at its end.
+
+    ``wanted``: outputs for the next attempt at a model, twice those of an attempt that failed.
+    """
     if not len(kept):
         return NO_SAMPLE
     u, there = kept.input, kept.is_measured
-    reason = f"starting: {int(there.sum())} of the {wanted} samples for the first model"
-    if wanted > request.startup:
-        reason += f"; startup={request.startup} samples gave no usable model"
+    count, failed = int(there.sum()), wanted > request.first_hold
+    reason = f"starting: {count} of the {wanted} samples for the first model"
+    if finished:
+        few = f"; one takes {request.least_startup} at least" if count < request.least_startup else ""
+        reason = f"the record of {count} samples gives no usable model{few}"
+    elif failed:
+        reason += f"; {wanted // 2} gave none that is usable"
     findings = [Finding("converging", reason)]
     if solved:
         reason = f"the present model is provisional: it is made from {solved} samples and tested on none"
@@ -137,7 +146,7 @@ def assess_starting(request: Request, kept: RecentSamples, wanted: int, solved: 
     excited = not is_constant(u)
     if not excited:
         findings.append(Finding("not excited", CONSTANT))
-    elif wanted > request.startup and is_constant(kept.output[there]):
+    elif (finished or failed) and is_constant(kept.output[there]):
         findings.append(Finding("inconsistent", STANDS_STILL.format(f"the last {duration(kept.interval[1:].sum())}")))
     elif is_copy(u[there], kept.output[there]):
         findings.append(Finding("inconsistent", COPY))
