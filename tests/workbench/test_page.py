@@ -138,6 +138,24 @@ def test_what_was_typed_is_not_undone_by_a_state_from_before(browser, motor: Pat
 
 
 @pytest.mark.slow
+def test_while_a_comparison_is_computed_the_page_says_so(browser, motor: Path) -> None:
+    held = []
+    with opened([motor]) as served:
+        at = Workbench(browser, served.url)
+        at.is_read()
+        at.page.get_by_label("Role of column a").select_option("input")
+        at.page.get_by_label("Role of column b").select_option("output")
+        at.page.route("**/ask/compared?*", lambda route: held.append(route))
+        at.fit("1")
+        at.view("compare")
+        first = at.page.locator("#verdicts .first")
+        at.until(lambda: first.all_inner_texts() == ["computing output, residual and verdict…"])
+        at.page.unroute("**/ask/compared?*")  # which lets the one that is held go on
+        at.until(lambda: not first.inner_text().startswith("computing"))
+        at.close()
+
+
+@pytest.mark.slow
 def test_nothing_is_lost_by_a_reload_a_second_page_or_a_restart(browser, motor: Path, state: Path) -> None:
     with opened([motor]) as served:
         one = Workbench(browser, served.url)

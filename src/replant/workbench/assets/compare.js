@@ -127,7 +127,7 @@ function paintVerdicts() {
     const word = row.querySelector(".word"), verdict = here?.verdict;
     word.dataset.gravity = verdict?.gravity ?? "none";
     write(word, verdict?.headline ?? "");
-    write(row.querySelector(".first"), here?.failed ?? verdict?.reasons[0]?.text ?? "…");
+    write(row.querySelector(".first"), here?.failed ?? verdict?.reasons[0]?.text ?? (here ? "" : "computing output, residual and verdict…"));
     const told = JSON.stringify(verdict ?? null);
     if (row.dataset.told !== told) {
       row.dataset.told = told;
