@@ -74,3 +74,14 @@ def test_a_copy_of_a_log_is_noted(capsys, steps: list[Path], tmp_path: Path) -> 
     assert code == 0
     assert err.startswith(f"replant: note: {copy}: the same samples as in {steps[0]}: they count twice")
     assert err.count("\n") == 1
+
+
+def test_the_time_between_two_logs_is_no_part_of_their_record(capsys, steps: list[Path]) -> None:
+    arguments = ("-i", "u", "-o", "y", "-p", 1, "--delay", 3, "--quiet")
+    _, said, _ = call(capsys, "fit", *steps[:2], *arguments)
+    assert "Record   240 samples of 2 logs, dt 1 s, 240 s" in said
+    assert "Clock" not in said
+    lines = steps[1].read_text().splitlines()
+    steps[1].write_text("\n".join([*lines[:40], *lines[43:]]) + "\n")  # three rows are lost
+    _, said, _ = call(capsys, "fit", *steps[:2], *arguments)
+    assert "Clock    irregular: 1 to 4 s between samples, usually 1 s" in said

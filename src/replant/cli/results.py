@@ -32,7 +32,7 @@ from replant.logs.recording import digest
 from replant.logs.sampling_time import time_columns
 from replant.model.interop import without_unit
 from replant.numerics.limits import typed_path
-from replant.online.runs.result import Result
+from replant.online.runs.result import Clock, Result
 from replant.report import results_as_text as as_text
 from replant.report.python_programs import identifier_as_python
 from replant.verdict.verdict import Verdict
@@ -166,11 +166,13 @@ CONDITIONED = "# options of the command change the log first: repeat the command
 
 
 def deliver(
-    to: Delivery, result: Result, log: Log, *, tried: SearchResult | None = None, more: dict[str, Any], **report: Any
-) -> None:
+    to: Delivery, result: Result, log: Log, *, tried: SearchResult | None = None, more: dict[str, Any],
+    logs: Sequence[Log] = (), **report: Any,
+) -> None:  # fmt: skip
     """Print a result, write its plots and its report, save and validate its model.
 
     ``tried`` are structures among which it was chosen, ``more`` goes into its JSON and ``report`` onto its page.
+    ``logs``: the logs that ``log`` joins; the time between them is no part of the record.
     """
     result = dataclasses.replace(result, model=kept(result.model, log))
     validations = to.validated(result.model)
@@ -188,8 +190,11 @@ def deliver(
     else:
         if tried is not None:
             as_text.print_candidates(terminal(), tried)
-        record = as_text.record_line(len(log) - log.rest, log.dt, log.duration)
-        as_text.print_result(terminal(), result, record=record, lead="" if step is None else step.words)
+        parts, clocks = logs or [log], [Clock.of(each.dt, each.stamps) for each in logs]
+        samples, seconds = len(log) - log.rest, sum(each.duration for each in parts)
+        record = as_text.record_line(samples, log.dt, seconds, len(parts))
+        lead = "" if step is None else step.words
+        as_text.print_result(terminal(), result, record=record, lead=lead, clocks=clocks)
         if result.settings is not None:
             click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
         print_validations(validations)

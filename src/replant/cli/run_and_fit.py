@@ -170,7 +170,7 @@ def fit_command(**options: Any) -> None:
     log = as_one(logs)
     result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
     results.deliver(
-        to, result, log, tried=tried, more={},
+        to, result, log, tried=tried, more={}, logs=logs if len(logs) > 1 else (),
         filter=fitted.fixed_filter, preprocess=fitted.preprocess, python=fit_as_python(fitted, logs),
     )  # fmt: skip
 
@@ -282,7 +282,7 @@ def _print_rows(solved: Sequence[Solved], records: Sequence[list[Log]]) -> None:
             console.print(f"\nStructures for {row.model.output_name}", highlight=False, markup=False, style="bold")
             as_text.print_candidates(console, found)
         samples, seconds = sum(len(each) - each.rest for each in logs), sum(each.duration for each in logs)
-        as_text.print_row(console, row.model, record=as_text.record_line(samples, logs[0].dt, seconds))
+        as_text.print_row(console, row.model, record=as_text.record_line(samples, logs[0].dt, seconds, len(logs)))
 
 
 def _reported(out: Path, solved: Sequence[Solved], records: Sequence[list[Log]], validations: Any) -> list[Path]:

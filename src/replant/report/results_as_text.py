@@ -16,7 +16,7 @@ from replant.fitting.validation import Validation
 from replant.model.preprocess import rejected_in_words
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.online.runs.result import Result
+from replant.online.runs.result import Clock, Result
 from replant.online.runs.run_log import Contender, best
 from replant.plotting.numbers import (
     duration,
@@ -47,15 +47,28 @@ def as_json(result: Result) -> dict[str, Any]:
     return found
 
 
-def record_line(samples: int, dt: float, seconds: float) -> str:
+def record_line(samples: int, dt: float, seconds: float, logs: int = 1) -> str:
     """Return the size of a record as text; ``dt`` and ``seconds`` are its sampling time and duration in s."""
-    return f"{samples:,} samples, dt {interval(dt)}, {duration(seconds)}"
+    return f"{samples:,} samples{f' of {logs} logs' if logs > 1 else ''}, dt {interval(dt)}, {duration(seconds)}"
+
+
+def clock_line(clocks: Sequence[Clock]) -> str:
+    """Return the intervals and gaps of the irregular ones among the clocks of some logs; empty if there is none."""
+    irregular = [clock for clock in clocks if clock.irregular]
+    if not irregular:
+        return ""
+    shortest, longest = min(each.shortest for each in irregular), max(each.longest for each in irregular)
+    count = sum(len(each.gaps) for each in irregular)
+    gaps = f"; {count:,} gap{'s' if count > 1 else ''}" if count else ""
+    usual = f"usually {irregular[0].dt:.4g} s"
+    return f"irregular: {shortest:.4g} to {longest:.4g} s between samples, {usual}{gaps}"
 
 
 def print_result(
-    console: Any, result: Result, *, truth: TransferFunction | None = None, record: str = "", lead: str = ""
-) -> None:
-    """Print G(s), coefficients, poles, fit and verdict."""
+    console: Any, result: Result, *, truth: TransferFunction | None = None, record: str = "", lead: str = "",
+    clocks: Sequence[Clock] = (),
+) -> None:  # fmt: skip
+    """Print G(s), coefficients, poles, fit and verdict; ``clocks``: those of several logs."""
     console.print()
     if result.parameters.any():
         _print_model(console, result.model, truth)
@@ -64,11 +77,7 @@ def print_result(
         console.print("No model yet: the record gave no estimate.\n", highlight=False)
     _say(console, "Record", record)
     _say(console, "Samples", _samples(result.samples, result.rejected))
-    clock = result.clock
-    if clock is not None and clock.irregular:
-        between = f"{clock.shortest:.4g} to {clock.longest:.4g} s between samples, usually {clock.dt:.4g} s"
-        gaps = f"; {len(clock.gaps):,} gap{'s' if len(clock.gaps) > 1 else ''}" if len(clock.gaps) else ""
-        _say(console, "Clock", f"irregular: {between}{gaps}")
+    _say(console, "Clock", clock_line(clocks or ([] if result.clock is None else [result.clock])))
     print_verdict(console, result.verdict, lead)
 
 
