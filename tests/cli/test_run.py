@@ -18,6 +18,7 @@ from replant.cli import main, run_fit_compare_options
 from replant.cli import run_and_fit as run_command
 from replant.logs import open_recording, read_columns
 from replant.online.runs import run as online_run
+from support.command import call
 
 DT = 0.05
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
@@ -203,3 +204,16 @@ def test_memory_does_not_grow_with_the_log(tmp_path: Path, suffix: str) -> None:
         peaks.append(1024 * int(found.stdout))
     assert peaks[1] - peaks[0] < 0.5 * 24 * (lengths[1] - lengths[0])
     assert peaks[1] < 500e6, peaks
+
+
+def test_the_samples_that_were_used_are_counted_as_fit_counts_them(capsys, tmp_path: Path) -> None:
+    u = np.random.default_rng(1).choice([-1.0, 1.0], 80).repeat(10)
+    y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(u, 0.05) + 0.02 * np.random.default_rng(2).standard_normal(800)
+    y[500:640] = y[500]
+    log = tmp_path / "stuck.csv"
+    log.write_text("t,u,y\n" + "".join(f"{0.05 * k:.2f},{u[k]:g},{y[k]:.6f}\n" for k in range(800)))
+    said = [call(capsys, name, log, "-i", "u", "-o", "y", "-p", 1)[1].splitlines() for name in ("run", "fit")]
+    for lines in said:  # online the first value that stays is left out, too
+        (line,) = [line for line in lines if line.startswith("Samples")]
+        used, stuck = map(int, re.findall(r"\d+", line))
+        assert (used + stuck, 139 <= stuck <= 140) == (800, True)

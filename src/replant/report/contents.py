@@ -185,7 +185,7 @@ def origin(material: Material) -> str:
     return facts(
         [
             *of_record(log),
-            ("used", f"{result.samples:,} samples"),
+            ("used", f"{result.used:,} samples"),
             ("rejected", rejected),
             *([("residual tests, excitation", f"of the newest {log.input.size:,} samples")] if log.earlier else []),
             ("computed in", f"{number(result.elapsed, 3)} s"),

@@ -216,7 +216,7 @@ def _figures(material: Material) -> str:
         (percent(result.simulation.fit), f"fit, {result.simulation.how}"),
         (percent(result.one_step), "fit, one step ahead"),
         (uncertain(gain, gain_std), with_unit("DC gain", unit) + of_integrator(gain, gain_std)),
-        (f"{result.samples:,}", "samples used"),
+        (f"{result.used:,}", "samples used"),
     ]
     return page.key_figures(entries)
 

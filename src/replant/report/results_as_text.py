@@ -76,7 +76,7 @@ def print_result(
     else:
         console.print("No model yet: the record gave no estimate.\n", highlight=False)
     _say(console, "Record", record)
-    _say(console, "Samples", _samples(result.samples, result.rejected))
+    _say(console, "Samples", _samples(result.used, result.rejected))
     _say(console, "Clock", clock_line(clocks or ([] if result.clock is None else [result.clock])))
     print_verdict(console, result.verdict, lead)
 

@@ -24,6 +24,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.robust import NONE, flags_of, joined, stretches_of
+from replant.online.estimate import COUNTED
 from replant.plotting.over_time import POINTS, Thinned, Thinner
 from replant.verdict import Assessment, Simulation
 
@@ -270,6 +271,11 @@ class Result:
     clock: Clock | None = None
     weights: tuple[tuple[Structure, float], ...] = ()
     leads: tuple[Lead, ...] = ()
+
+    @property
+    def used(self) -> int:
+        """Samples whose output the estimate is made from; an identifier accepts others for their input."""
+        return self.samples - (sum(self.rejected.get(each, 0) for each in COUNTED) if self.settings else 0)
 
     def without_added(self, added: int) -> Result:
         """Return the result with counts that do not include the samples without output that `Log.added` counts."""
