@@ -20,6 +20,7 @@ from typing import BinaryIO
 from replant.errors import LogError, MissingDependencyError
 from replant.logs import arrow, channels, parser_process
 from replant.logs.parser_process import FORMATS
+from replant.logs.split_times import with_split_times
 from replant.logs.table import (
     Arrays,
     Table,
@@ -201,8 +202,8 @@ def _read_file(path: Path) -> Table:
     for part in parts_of(path) if path.is_dir() else [path]:
         _check_file(part)
     if parser_process.is_apart(FORMATS[suffix]):
-        return parser_process.read(path, FORMATS[suffix])
-    return parser_process.reader(FORMATS[suffix])(path)
+        return with_split_times(parser_process.read(path, FORMATS[suffix]))
+    return with_split_times(parser_process.reader(FORMATS[suffix])(path))
 
 
 def _check_file(path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
 from replant.logs.sampling_time import named_time_columns, time_candidates
+from replant.logs.split_times import with_split_times
 from replant.logs.table import Table, listed, nth_row
 from replant.numerics.arguments import FloatArray
 from replant.numerics.time_stamps import array_of, is_dated, seconds_of
@@ -38,7 +39,8 @@ class Frame:
             if is_dated(values) or time_candidates([name]) or (name and values.dtype.kind == "f"):
                 names, self.values = [*names, name or "index"], [*self.values, values]
         dated = frozenset(number for number, each in enumerate(self.values) if is_dated(each))
-        self.table = Table(NAME, tuple(names), lambda keys: iter([[self._numbers(k) for k in keys]]), in_seconds=dated)
+        table = Table(NAME, tuple(names), lambda keys: iter([[self._numbers(k) for k in keys]]), in_seconds=dated)
+        self.table = with_split_times(table)
 
     def find(self, role: str, key: Any) -> Any:
         """Return the number of a column by its label or as `Table.find`; a list for several keys, None for None."""

@@ -64,9 +64,9 @@ def read_log(
     """Read the inputs, the output and optional references of a plant from a recorded log.
 
     Without `time` and `dt`, the sampling time comes from a column called t, time or timestamp (in any case, also with a
-    unit as in ``time [s]``; T only if it increases and is the only one), else from the only column of dates or clock
-    times, else from a number called Ts in a .mat, .npz or HDF5 file.  A warning reports parts that are left out, such
-    as a last line that was cut off.
+    unit as in ``time [s]``; T only if it increases and is the only one), else from the only column of dates, clock
+    times, or whole seconds beside their nanoseconds (``stamp.sec``, ``stamp.nanosec``), else from a number called Ts in
+    a .mat, .npz or HDF5 file.  A warning reports parts that are left out, such as a last line that was cut off.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def log_of_frame(
     if keys["time"] is None and dt is None:
         columns["time"] = given.clock
     log = _held(open_recording(given.table, **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize))
-    beside = given.beside({*each, *time_columns(given.table)}, len(log))
+    beside = given.beside({*each, *time_columns(given.table), *given.table.parts}, len(log))
     hold = getattr(frame, "attrs", {}).get("input_hold", log.input_hold)  # of `Log.to_pandas`
     return replace(log, path=Path(), others={**beside, **log.others}, input_hold=hold)
 

@@ -192,6 +192,7 @@ def joined(tables: Sequence[Table]) -> Table:
         first.names,
         blocks,
         in_seconds=first.in_seconds,
+        parts=first.parts,
         origins=first.origins,
         describe_row=lambda row: f"{nth_row(row)} of the {len(tables)} files joined in the order of time",
         approximate_rows=sum(table.approximate_rows for table in tables),

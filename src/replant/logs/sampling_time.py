@@ -21,12 +21,16 @@ MOSTLY = 0.95  # part of the steps of a column that must be those of a time [par
 UNEVEN = 2.0  # most that a step of a clock is longer or shorter than the usual one, but for gaps [usual intervals]
 CHECKED = 1 << 18  # stamps from which the median interval is computed [samples]
 FINE = 1e-4  # largest rounding error at which the digits of an interval are still rounded off [part of the interval]
-_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
-_UNITS |= {"ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, "day": 86400.0, "days": 86400.0}
-_UNITS |= {"msec": 1e-3, "millis": 1e-3, "milliseconds": 1e-3, "usec": 1e-6, "micros": 1e-6, "microseconds": 1e-6}
-_UNITS |= {"nsec": 1e-9, "nanos": 1e-9, "nanoseconds": 1e-9, "minutes": 60.0, "hours": 3600.0}
-_AFTER_UNDERSCORE = "s|sec|seconds|[mun]s|[mun]sec|millis|micros|nanos|milliseconds|microseconds|nanoseconds"
-_UNIT = rf"(?:(?:\s*[\[(/]\s*|\s+in\s+)({'|'.join(_UNITS)})\s*[\])]?|_({_AFTER_UNDERSCORE}))"
+#: Words of units of time in names of columns, with their seconds.
+UNITS = {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+UNITS |= {"μs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, "day": 86400.0, "days": 86400.0}
+UNITS |= {"msec": 1e-3, "millis": 1e-3, "milliseconds": 1e-3, "usec": 1e-6, "micros": 1e-6, "microseconds": 1e-6}
+UNITS |= {"nsec": 1e-9, "nsecs": 1e-9, "nanosec": 1e-9, "nanosecs": 1e-9, "nanos": 1e-9, "nanoseconds": 1e-9}
+UNITS |= {"minutes": 60.0, "hours": 3600.0}
+_AFTER_UNDERSCORE = (
+    "s|secs?|seconds|[mun]s|[mun]secs?|nanosecs?|millis|micros|nanos|milliseconds|microseconds|nanoseconds"
+)
+_UNIT = rf"(?:(?:\s*[\[(/]\s*|\s+in\s+)({'|'.join(UNITS)})\s*[\])]?|_({_AFTER_UNDERSCORE}))"
 _ALONE = r"(?:.*\.)?(millis|micros)(?:\(\))?"  # Arduino's clocks
 _UNIT_AT_END = re.compile(rf".*{_UNIT}|{_ALONE}", re.IGNORECASE)
 _TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?|{_ALONE}", re.IGNORECASE)
@@ -53,7 +57,8 @@ def time_columns(table: Table) -> list[int]:
 def named_time_columns(table: Table) -> list[int]:
     """Return the columns with a name of time; T, without a unit of time, only as the first steady clock."""
     by_path = [name.replace("/", ".") for name in table.names]  # HDF5: t/s may be a path, or t in s
-    named = clearer_times(by_path, sorted({*time_candidates(table.names), *time_candidates(by_path)}))
+    found = {*time_candidates(table.names), *time_candidates(by_path)} - table.parts
+    named = clearer_times(by_path, sorted(found))
     if not any(is_letter(by_path[number]) for number in named):
         return named
     # behind another clock it is a temperature that rises
@@ -107,7 +112,7 @@ def is_shuffled(stamps: FloatArray) -> bool:
 def unit_in_seconds(name: str) -> float:
     """Return the unit in a time column's name, in seconds; 1 if the name has no unit."""
     match = _UNIT_AT_END.fullmatch(name.strip())
-    return _UNITS[(match[1] or match[2] or match[3]).lower()] if match else 1.0
+    return UNITS[(match[1] or match[2] or match[3]).lower()] if match else 1.0
 
 
 def check_dt(dt: object) -> float:

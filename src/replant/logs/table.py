@@ -149,6 +149,7 @@ class Table:
     blocks: Blocks
     describe_row: Callable[[int], str] = nth_row
     in_seconds: frozenset[int] = frozenset()
+    parts: frozenset[int] = frozenset()  # columns that are only a part of the stamps in another one
     doubts: Mapping[int, str] = field(default_factory=dict)  # why a column in seconds may have another unit
     origins: Mapping[int, int] = field(default_factory=dict)
     approximate_rows: int = 0
