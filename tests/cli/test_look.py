@@ -234,9 +234,9 @@ def test_a_log_that_cannot_be_read_is_named_beside_what_is_missing(capsys, tmp_p
 @every("command", ["run", "fit"], quick=1)
 @every("name", ["timestamp", "time [ms]"], quick=1)
 def test_stamps_beyond_the_calendar_are_refused(capsys, tmp_path: Path, command: str, name: str) -> None:
-    """Milliseconds since 1970 that are taken as seconds, or microseconds that the name calls milliseconds."""
+    """Milliseconds since 1970 of the year 2508, taken as seconds, or microseconds that the name calls milliseconds."""
     u = prbs(500, hold=10)
-    stamps = np.rint((1.7e12 if name == "timestamp" else 1.7e15) + 20.0 * np.arange(u.size))
+    stamps = np.rint((1.7e13 if name == "timestamp" else 1.7e15) + 20.0 * np.arange(u.size))
     path = tmp_path / "log.csv"
     path.write_text(f"{name},u,y\n" + "".join(f"{t:.0f},{a},{a}\n" for t, a in zip(stamps, u, strict=True)))
     code, out, err = call(capsys, command, path, "-i", "u", "-o", "y", "-p", 1)
@@ -246,6 +246,33 @@ def test_stamps_beyond_the_calendar_are_refused(capsys, tmp_path: Path, command:
     dt = 0.02 if name == "timestamp" else 2e-5
     code, _, err = call(capsys, command, path, "-i", "u", "-o", "y", "-p", 1, "--dt", dt)
     assert (code, err) == (0, "")  # the remedy works, and the unit told from the stamps agrees with it
+
+
+@pytest.mark.parametrize(
+    ("per_second", "unit"), [(10**9, "nanoseconds"), (10**6, "microseconds"), (1000, "milliseconds")]
+)
+def test_stamps_since_1970_without_a_unit_are_read_by_their_size(
+    capsys, tmp_path: Path, per_second: int, unit: str
+) -> None:
+    """With their gap, which a sampling time in place of the stamps would lose."""
+    u = prbs(600, hold=10)
+    y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.02)
+    kept = [k for k in range(u.size) if not 200 <= k < 300]
+    path, told = tmp_path / "log.csv", []
+    for name, scale in (("timestamp", per_second), ("t [s]", 1)):
+        begin = 1_700_000_000 * scale if scale > 1 else 0
+        rows = [f"{begin + 20 * k * scale // 1000 if scale > 1 else 0.02 * k},{u[k]},{y[k]:.9g}" for k in kept]
+        path.write_text("\n".join([f"{name},u,y", *rows]) + "\n")
+        code, out, err = call(capsys, "fit", path, "-i", "u", "-o", "y", "-p", 1, "--from", 1, "--json")
+        assert code == 0
+        told.append((json.loads(out), err))
+    (read, note), (stated, _) = told
+    assert (
+        f"'timestamp': its name states no unit; by their size its stamps are {unit} since 1970, from 2023-11-14" in note
+    )
+    assert read["samples"] == stated["samples"] == 450
+    assert read["dc_gain"] == pytest.approx(stated["dc_gain"], rel=1e-4)
+    assert read["dc_gain"] == pytest.approx(4.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("command", ["run", "fit"])

@@ -41,7 +41,6 @@ from replant.estimation.settings import AUTO, Request, filter_for
 from replant.fitting.log_inspection import with_others
 from replant.logs import Log, Recording, open_recording, stamped_interval
 from replant.logs.log import check_one_reference
-from replant.logs.sampling_time import COARSE
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 
@@ -195,7 +194,7 @@ def _opened(options: dict[str, Any], **how: Any) -> Recording:
         name, usual = interval
         contradiction = f"{options['log']}: column {name!r} steps by {usual:.4g} s, but --dt is {dt:.4g} s"
         note(f"{contradiction}; --dt is used")
-    if recording.doubt and recording.dt >= COARSE:
+    if recording.doubt:
         note(f"{options['log']}: {recording.doubt}")
     return with_others(recording)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError, LogError, shown
 from replant.logs.log import Log
-from replant.logs.sampling_time import unit_in_seconds
+from replant.logs.sampling_time import FIRST, unit_of_column
 from replant.logs.table import Arrays, Blocks, Table, in_parts, nth_row
 from replant.numerics.arguments import FloatArray, number
 
@@ -112,7 +112,7 @@ def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: i
         first = math.ceil(begin / dt - ROUND_OFF)
         stop = math.inf if math.isinf(end) else math.ceil(end / dt - ROUND_OFF)
     else:
-        unit = 1.0 if time in table.in_seconds else unit_in_seconds(table.names[time])
+        unit = unit_of_column(table, time, table.head([time], 1)[0][:FIRST]).seconds
         first, stop = _rows_between((block for (block,) in table.stream([time])), begin / unit, end / unit)
         if stop <= first:
             until = f"to {end:g} s" if math.isfinite(end) else "on"

@@ -215,6 +215,8 @@ LATEST = 1e11  # largest plausible stamp: in seconds since 1970 it is the year 5
 COARSE = 1.0  # interval from which stamps without a unit may be counts of ms, us or ns [their unit]
 # Excel counts days from 1900, MATLAB from the year 0
 _DATES = (36_526.0, 73_051.0), (730_486.0, 767_011.0)  # day numbers of the years 2000 to 2100 [days]
+# a count of ns since the start of a computer is within, taken as ms, from its 17th to its 69th minute alone
+_RECENT = 1e9, 4_102_444_800.0  # September 2001 and the year 2100: stamps between them are read by their size [s]
 FIRST = 1 << 16  # stamps from which the unit of time is guessed [samples]
 ROUND = 1e-3  # rounding error of a step with one or two digits [part of the step]
 _COUNTS = ((1e-3, "milliseconds", "ms"), (1e-6, "microseconds", "us"), (1e-9, "nanoseconds", "ns"))
@@ -241,10 +243,15 @@ def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
     finite = stamps[np.isfinite(stamps)]
     farthest = float(np.abs(finite).max()) if finite.size else 0.0
     if farthest * unit > LATEST:
-        taken = "its stamps in the unit of its name" if known else "its name states no unit, and its stamps in seconds"
         for seconds, words, short in _COUNTS:
+            since = f"{words} since 1970"
+            if not known and _RECENT[0] <= seconds * float(finite.min()) and seconds * farthest < _RECENT[1]:
+                begin = np.datetime64(int(seconds * finite[0]), "s").astype("datetime64[D]")
+                doubt = f"its name states no unit; by their size its stamps are {since}, from {begin} on"
+                return StampUnit(seconds, doubt, False, f"if they are not, state the unit in its name, {_GIVE_DT}")
             if farthest * seconds <= LATEST:
-                doubt = f"{taken} are beyond the year 5000; by their size they are {words} since 1970"
+                taken = "of its name" if known else "of s, as its name states none,"
+                doubt = f"its stamps in the unit {taken} are beyond the year 5000; by their size they are {since}"
                 return StampUnit(seconds, doubt, True, f"name the column {_core(name)}_{short}, {_GIVE_DT}")
     if not known and _are_dates(finite):
         doubt = "its name states no unit; by size and step its stamps are dates, counted in days as by a spreadsheet"

@@ -150,3 +150,15 @@ def test_an_input_that_is_written_where_it_changes_is_held(
     reading.join()
     assert np.array_equal(reading.column("u"), u)
     assert np.array_equal(reading.column("y"), np.arange(40.0))
+
+
+@every("header, stamp", [("sec,nanosec,u,y", "{0},{1}"), ("timestamp,u,y", "{0}{1:09d}")])
+def test_the_time_is_that_of_the_log(tmp_path: Path, read: Callable[..., Reading], header: str, stamp: str) -> None:
+    """In two columns, or since 1970 in a unit that its size tells."""
+    file = tmp_path / "log.csv"
+    ticks = [1_700_000_000_900_000_000 + 50_000_000 * k for k in range(40)]
+    rows = [f"{stamp.format(tick // 10**9, tick % 10**9)},{k},{k}" for k, tick in enumerate(ticks)]
+    file.write_text("\n".join([header, *rows]) + "\n")
+    reading = read(open_source(str(file)))
+    reading.join()
+    assert np.allclose(np.diff(reading.column("t")), 0.05, rtol=0.0, atol=1e-6)

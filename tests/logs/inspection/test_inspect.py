@@ -241,11 +241,14 @@ def test_counts_without_a_unit_are_doubted(tmp_path: Path) -> None:
 
 def test_milliseconds_since_1970_are_recognised_by_their_size(tmp_path: Path) -> None:
     signals = open_loop(500)
-    stamps = np.rint(1.7e12 + 1e3 * signals["t"])
-    np.savez(tmp_path / "log.npz", timestamp=stamps, u=signals["u"], y=signals["y"])
-    found = inspect(tmp_path / "log.npz")
-    assert found.clock is not None
-    assert "milliseconds since 1970" in found.clock.doubt
+    for begin, is_read in ((1.7e12, True), (1.7e13, False)):  # of the year 2508 it may be a count of another unit
+        stamps = np.rint(begin + 1e3 * signals["t"])
+        np.savez(tmp_path / "log.npz", timestamp=stamps, u=signals["u"], y=signals["y"])
+        found = inspect(tmp_path / "log.npz")
+        assert found.clock is not None
+        assert "milliseconds since 1970" in found.clock.doubt
+        assert found.clock.dt == pytest.approx(0.02)
+        assert ("--dt" not in options_of(found)) == is_read
     assert options_of(found)[-2:] == ("--dt", "0.02")
 
 

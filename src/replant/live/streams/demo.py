@@ -18,7 +18,7 @@ from replant.live.streams.reader_thread import Source
 from replant.live.streams.source import UY, Batch, Columns, Signals, together
 from replant.logs import read_columns
 from replant.logs.merged_channels import on_one_clock, written_apart
-from replant.logs.sampling_time import time_candidates, unit_in_seconds
+from replant.logs.sampling_time import FIRST, time_columns, unit_of_column
 from replant.model import state_space
 from replant.model.state_space import Response
 from replant.numerics.arguments import FloatArray
@@ -73,7 +73,7 @@ def open_replay(address: Address, columns: Columns, signals: Signals) -> Played:
     speed, dt = speed_of(address, math.inf), address.number("dt")
     if dt is not None and "time" in options:
         raise InvalidArgumentError(f"{address.name}: give either time or dt")
-    named = [table.find(options["time"])] if "time" in options else time_candidates(table.names)
+    named = [table.find(options["time"])] if "time" in options else time_columns(table)
     stamps = named[0] if len(named) == 1 and dt is None else None
     keys = list(signals.names)
     if signals == UY:
@@ -102,8 +102,7 @@ def open_replay(address: Address, columns: Columns, signals: Signals) -> Played:
             raise InvalidArgumentError(f"{address.name}: no time column found; add &time=COLUMN or &dt=SECONDS")
         elapsed = np.arange(rows, dtype=np.float64) * (dt or 0.0)
         return Played(address.name, speed, lambda last: [(record, elapsed)])
-    unit = 1.0 if stamps in table.in_seconds else unit_in_seconds(table.names[stamps])
-    t = of["time"] * unit
+    t = of["time"] * unit_of_column(table, stamps, of["time"][:FIRST]).seconds
     kept = np.isfinite(t)
     elapsed = np.maximum.accumulate(t[kept]) - t[kept][:1]
     timed, refused = replace(record, t=t).select(kept), int(kept.size - kept.sum())
