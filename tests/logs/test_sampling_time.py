@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -361,3 +362,27 @@ def test_a_column_of_text_under_the_letter_t_is_not_the_time(write: Write) -> No
     rows = [f"{0.5 * k},{k % 2},{k % 3},warm" for k in range(40)]
     with pytest.raises(LogError, match="no column is called t, time or timestamp; name the time column"):
         read_log(write("\n".join(["Zeit,u,y,T", *rows])), input="u", output="y")
+
+
+def test_a_sampling_time_that_the_stamps_contradict_is_used_with_a_warning(write: Write) -> None:
+    path = write("\n".join(["t,u,y", *(f"{0.5 * k},{k % 2},{k % 3}" for k in range(40))]))
+    with pytest.warns(UserWarning, match=r"column 't' steps by 0\.5 s, but dt is 2 s; dt is used") as caught:
+        assert read_log(path, input="u", output="y", dt=2.0).dt == 2.0
+    with pytest.warns(UserWarning, match=r"but dt is 2 s"):
+        read_log(pandas.read_csv(path), input="u", output="y", dt=2.0)
+    assert [each.filename for each in caught] == [__file__]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_log(path, input="u", output="y", dt=0.5)
+
+
+def test_without_a_name_of_time_the_error_lists_the_columns_and_names_the_one_that_rises(write: Write) -> None:
+    rows = [f"{0.5 * k},{k % 2},{k % 3}" for k in range(40)]
+    path = write("\n".join(["Zeit [s],u,y", *rows]))
+    remedy = r"name the time column \(time=...\), perhaps 'Zeit \[s\]', or give .* there are: Zeit \[s\], u, y$"
+    with pytest.raises(LogError, match=remedy):
+        read_log(path, input="u", output="y")
+    assert read_log(path, input="u", output="y", time="Zeit [s]").dt == 0.5
+    path.write_text("\n".join(["u,y", *(row.partition(",")[2] for row in rows)]))
+    with pytest.raises(LogError, match=r"\(time=...\) or give the sampling time \(dt=...\); there are: u, y$"):
+        read_log(path, input="u", output="y")

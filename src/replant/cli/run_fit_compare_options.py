@@ -39,12 +39,12 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.settings import AUTO, Request, filter_for
 from replant.fitting.log_inspection import with_others
-from replant.logs import Log, Recording, open_recording, stamped_interval
+from replant.logs import Log, Recording, open_recording
 from replant.logs.log import check_one_reference
+from replant.logs.time_advice import contradicted
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 
-MOST_OFF = 0.1  # difference of the usual interval from --dt that jitter makes [part of the sampling time]
 BIAS = flag("--bias", "Also identify a constant added to the output of G(s).")
 FEEDTHROUGH = flag("--feedthrough", "Allow as many zeros as poles: the output jumps with the input.")
 INPUT_MAP = click.option(
@@ -188,12 +188,8 @@ def _opened(options: dict[str, Any], **how: Any) -> Recording:
         note(found_in_file)
     if recording.irregular:
         note(f"{recording.irregularity}; {_STAMPS_COUNT}")
-    dt = options["dt"]
-    interval = None if dt is None else stamped_interval(recording.table)
-    if interval is not None and not abs(interval[1] / dt - 1.0) <= MOST_OFF:
-        name, usual = interval
-        contradiction = f"{options['log']}: column {name!r} steps by {usual:.4g} s, but --dt is {dt:.4g} s"
-        note(f"{contradiction}; --dt is used")
+    for contradiction in contradicted(recording.table, options["dt"], "--dt"):
+        note(contradiction)
     if recording.doubt:
         note(f"{options['log']}: {recording.doubt}")
     return with_others(recording)

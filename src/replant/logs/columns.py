@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from replant.errors import LogError
+from replant.errors import LogError, ReplantError
 from replant.logs.sampling_time import MOSTLY, interval_of, time_columns, unit_of_column
 from replant.logs.table import Table, listed
 from replant.numerics.arguments import FloatArray
@@ -102,14 +102,14 @@ def read_contents(table: Table) -> Contents:
     names = table.names
     most = min(MOST_ROWS, max(FEWEST_ROWS, MOST_CELLS // max(1, len(names))))
     values: dict[int, FloatArray] = {}
-    problems: dict[int, LogError] = {}
+    problems: dict[int, ReplantError] = {}
     try:
         values = dict(enumerate(table.head(range(len(names)), most + 1)))
-    except LogError:  # then each column by itself
+    except ReplantError:  # then each column by itself
         for number in range(len(names)):
             try:
                 (values[number],) = table.head([number], most + 1)
-            except LogError as problem:
+            except ReplantError as problem:
                 problems[number] = problem
         if not values:
             raise problems[len(names) - 1] from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 import os
 import re
 import sys
@@ -28,14 +27,13 @@ from replant.logs.sampling_time import (
     checked_unit,
     interval_of,
     time_columns,
-    unit_of_column,
 )
 from replant.logs.table import Arrays, Table, in_parts, listed, repeated_rows
+from replant.logs.time_advice import GIVE_TIME, contradicted, time_advice
 from replant.numerics.arguments import FloatArray, is_frame, iterable
 from replant.numerics.limits import file_path
 
 _ROLES = {"input": "an input", "output": "the output", "reference": "a reference"}
-_GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt, --dt)"
 _NAMED = re.compile(r"\((\w+(?:, \w+)*)(?:, --\w+)+\)")  # arguments with their options, as above
 
 
@@ -82,7 +80,7 @@ def read_log(
         The column of time stamps: dates, clock times, or numbers in seconds or in the unit that its name states
         (``t [ms]``).  They must increase.  The stamps of an irregular clock are used, see `Log.stamps`.
     dt : float, optional
-        The sampling time in seconds, instead of `time`.
+        The sampling time in seconds, instead of `time`; a warning reports a time column that contradicts it.
     reference : str or int, optional
         The column of the reference: a controller's set-point or a dither, applied from outside; with several inputs,
         perhaps a list.
@@ -123,7 +121,7 @@ def read_log(
         if input is None or output is None:
             there = f"there are {listed(read_columns(path).names)}"
             raise ArgumentTypeError(f"name columns of the log, input=... and output=...; {there}")
-        log = _held(open_recording(path, **columns, most_held=sys.maxsize))
+        log = _held(open_recording(path, **columns, most_held=sys.maxsize), dt)
     return replace(log, sha256=digest(log.path))
 
 
@@ -139,19 +137,20 @@ def log_of_frame(
     each = [number for found in columns.values() for number in (found if isinstance(found, list) else [found])]
     if keys["time"] is None and dt is None:
         columns["time"] = given.clock
-    log = _held(open_recording(given.table, **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize))
+    log = _held(open_recording(given.table, **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize), dt)
     beside = given.beside({*each, *time_columns(given.table), *given.table.parts}, len(log))
     hold = getattr(frame, "attrs", {}).get("input_hold", log.input_hold)  # of `Log.to_pandas`
     return replace(log, path=Path(), others={**beside, **log.others}, input_hold=hold)
 
 
-def _held(recording: Recording) -> Log:
+def _held(recording: Recording, dt: float | None) -> Log:
     """Return the log of a recording in memory; its notes become warnings at the line that called the package."""
+    notes = (*recording.table.notes, *contradicted(recording.table, dt, "dt"))
     ours, level, depth, place = str(Path(__file__).parents[1]), 1, 1, inspect.currentframe()
-    while recording.table.notes and place is not None:
+    while notes and place is not None:
         level = depth + 1 if place.f_code.co_filename.startswith(ours) else level
         depth, place = depth + 1, place.f_back
-    for note in recording.table.notes:
+    for note in notes:
         warnings.warn(note, stacklevel=level)
     assert recording.held is not None
     return recording.held
@@ -260,23 +259,6 @@ def with_repeats_noted(table: Table, count: int) -> Table:
     return replace(table, notes=(*table.notes, note))
 
 
-def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] | None:
-    """Return the time column's name and the median interval of its first block in s; None if no column is certain."""
-    table = log if isinstance(log, Table) else read_columns(log)
-    candidates = time_columns(table)
-    if len(candidates) != 1:
-        return None
-    try:
-        (stamps,) = table.head(candidates, 1)
-    except LogError:  # it holds no numbers
-        return None
-    name = table.names[candidates[0]]
-    unit = unit_of_column(table, candidates[0], stamps).seconds
-    with np.errstate(invalid="ignore", over="ignore"):
-        interval = float(np.median(np.diff(stamps))) * unit if stamps.size > 1 else math.nan
-    return (name, interval) if interval > 0.0 else None
-
-
 def _check_rows(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray]) -> None:
     """Raise LogError unless all columns have the same number of rows, at least two."""
     (first, *_), rows = roles.values(), arrays[0].size
@@ -326,9 +308,9 @@ def _find_time(table: Table, roles: dict[str, int]) -> int:
         taken = next((role for role, number in roles.items() if number in times), None)
         if taken is not None:
             kind = taken.split()[0]
-            remedy = f"{_GIVE_TIME}, or choose another column as the {kind}"
+            remedy = f"{GIVE_TIME}, or choose another column as the {kind}"
             is_time = f" is a time by its name, and no other column is called t, time or timestamp; {remedy}"
             raise table.error(roles[taken], is_time)
-        raise LogError(f"{table.path}: no column is called t, time or timestamp; {_GIVE_TIME}")
+        raise LogError(f"{table.path}: no column is called t, time or timestamp; {time_advice(table, roles.values())}")
     names = listed([shown(table.names[number]) for number in candidates])
-    raise LogError(f"{table.path}: several columns could be the time: {names}; {_GIVE_TIME}")
+    raise LogError(f"{table.path}: several columns could be the time: {names}; {GIVE_TIME}")
