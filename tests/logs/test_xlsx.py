@@ -52,6 +52,13 @@ def test_the_first_sheet_with_a_table_counts(tmp_path: Path) -> None:
     assert read_columns(path).names == ("t", "u", "y")
 
 
+def test_other_sheets_with_a_table_are_named(tmp_path: Path) -> None:
+    run = [["t", "u", "y"], *ROWS]
+    (note,) = read_columns(save(tmp_path, [["read me"]], run, [["remarks"], ["none"]], run, run)).notes
+    assert note.endswith("sheet 'Sheet1' is read, the first with a table; left out: 'Sheet3', 'Sheet4'")
+    assert read_columns(save(tmp_path, [["read me"]], run, [["remarks"], ["none"]])).notes == ()
+
+
 def test_empty_columns_are_skipped_and_a_row_of_units_is_read(tmp_path: Path) -> None:
     rows = [[None, "t", None, "u", "y"], [None, "ms", None, "V", "mm"], *([None, 20 * k, None, k, k] for k in range(9))]
     path = save(tmp_path, [*rows, [], []])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from datetime import date, datetime, time, timedelta
 from itertools import chain, islice, repeat
 from pathlib import Path
@@ -14,7 +16,7 @@ import numpy as np
 
 from replant.errors import LogError, shown
 from replant.logs.parser_process import allow
-from replant.logs.table import Table, at_most, damage_as_log_error, needed, open_zip
+from replant.logs.table import Table, at_most, damage_as_log_error, listed, needed, open_zip
 from replant.logs.text_cells import CellError, as_float, quote, units_in, with_units
 from replant.logs.text_times import find_format, is_missing, with_stamps
 from replant.numerics.arguments import FloatArray
@@ -64,20 +66,46 @@ def read(path: Path) -> Table:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         try:
             sheets = at_most(path, book.worksheets, "sheets", MOST_SHEETS)
-            table = next((found for each in sheets if (found := _table_in(path, each)) is not None), None)
+            every = ((str(each.title), _table_in(path, each)) for each in sheets)
+            title, table = next(((title, found) for title, found in every if found is not None), ("", None))
+            others = [str(each.title) for each in sheets if table is not None and _has_table(path, each)]
         finally:
             book.close()
     if table is None:
         raise LogError(f"{path}: no sheet has a row of names above columns of numbers; put the log's signals into one")
+    if others:
+        left_out = listed(list(map(shown, others)))
+        note = f"{path}: sheet {shown(title)} is read, the first with a table; left out: {left_out}"
+        table = replace(table, notes=(*table.notes, note))
     return table
 
 
 def _table_in(path: Path, sheet: Any) -> Table | None:
-    if not hasattr(sheet, "iter_rows"):  # a sheet that is a chart
-        return None
-    every = (tuple(row) for row in sheet.iter_rows(values_only=True))  # rows missing in the file are empty
-    rows: Iterator[_Row] = at_most(path, every, "rows in a sheet", MOST_ROWS)
+    rows = _rows_of(path, sheet)
     head = list(islice(rows, _HEADER_ROWS + _NEXT_ROWS))
+    found = _begin_of_table(head)
+    if found is None:
+        return None
+    names, first, columns = found
+    return _table(path, str(sheet.title), names, first + 1, _columns(chain(head[first:], rows), columns))
+
+
+def _has_table(path: Path, sheet: Any) -> bool:
+    """Return whether a sheet that is not read could be; a damaged one could not."""
+    with suppress(Exception):
+        return _begin_of_table(list(islice(_rows_of(path, sheet), _HEADER_ROWS + _NEXT_ROWS))) is not None
+    return False
+
+
+def _rows_of(path: Path, sheet: Any) -> Iterator[_Row]:
+    if not hasattr(sheet, "iter_rows"):  # a sheet that is a chart
+        return iter(())
+    every = (tuple(row) for row in sheet.iter_rows(values_only=True))  # rows missing in the file are empty
+    return at_most(path, every, "rows in a sheet", MOST_ROWS)
+
+
+def _begin_of_table(head: Sequence[_Row]) -> tuple[tuple[str, ...], int, tuple[int, ...]] | None:
+    """Return names, first row of data and columns of the table in the first rows of a sheet; None without one."""
     for number, row in enumerate(head[:_HEADER_ROWS]):
         columns = tuple(at for at, cell in enumerate(row) if isinstance(cell, str) and cell.strip())
         if not columns or any(isinstance(cell, _VALUES) for cell in row):
@@ -91,7 +119,7 @@ def _table_in(path: Path, sheet: Any) -> Table | None:
         begins = (next((cell for cell in cells if cell is not None), None) for cells in zip(*below, strict=True))
         numbers = sum(isinstance(cell, _VALUES) for cell in begins)
         if numbers > 1 or numbers == len(columns):
-            return _table(path, str(sheet.title), names, first + 1, _columns(chain(head[first:], rows), columns))
+            return names, first, columns
     return None
 
 
