@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replant.errors import ReplantError
+from replant.kernels.schema import Doubt
 from replant.logs.column_roles import INPUT, OUTPUT, Response, Roles, find_roles, prepared, response
 from replant.logs.columns import Clock, Column, Contents, describe, find_clock, read_contents, seems_time
 from replant.logs.conditioning import from_rest
@@ -123,6 +124,7 @@ class Inspection:
     roles: Roles
     response: Response | None  # of the output to the input
     time_given: bool = False  # whether the time column was given
+    doubted: int = 0  # outputs that the response leaves out, as a fit leaves them out: gross, or of a stuck sensor
     # further columns that explain a part of the residual of a first model
     others: tuple[OtherColumn, ...] = ()
     # a model of one pole, where the input moves too seldom for a correlation, as in a step test
@@ -170,14 +172,25 @@ def inspect(
     moving = [column for column in signals if column.number in given.values() or not seems_time(column, contents)]
     signals = moving if len(moving) > 1 else signals
     roles = find_roles(signals, contents.values, given)
-    seen = first = None
+    seen, first, doubted = None, None, 0
     if roles.input and roles.output:
         u, y = (contents.values[role.column.number] for role in (roles.input, roles.output))
-        heads = prepared(u), prepared(y)
+        left, doubted = _without_doubted(u, y)
+        heads = prepared(u), prepared(left)
         seen = response(*heads) if heads[0].size == heads[1].size else None
         first = first_model(u, y, _sampling_time(clock)) if seen is None and u.size == y.size else None
-    found = Inspection(table, contents, record, clock, roles, seen, time is not None, first=first)
+    found = Inspection(table, contents, record, clock, roles, seen, time is not None, doubted=doubted, first=first)
     return replace(found, others=_others(found, signals))
+
+
+def _without_doubted(u: FloatArray, y: FloatArray) -> tuple[FloatArray, int]:
+    """Return an output (K,) without those that a fit leaves out before it has a model, and their number."""
+    from replant.estimation.solver.bad_samples import suspicious
+
+    if u.size != y.size:
+        return y, 0
+    left_out = np.isin(suspicious(u, y), (Doubt.OUTLIER, Doubt.STUCK))
+    return np.where(left_out, np.nan, y), int(np.count_nonzero(left_out))
 
 
 def _in_order(table: Table, contents: Contents, clock: Clock | None) -> tuple[Contents, Clock | None]:

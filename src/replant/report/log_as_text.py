@@ -194,6 +194,12 @@ def findings_of(found: Inspection) -> Iterator[tuple[str, str]]:
         follows = "The input also follows the output, as under a controller"
         yield "", f"{follows}: if there is one, give its set-point as --reference."
     yield "Response", _response(found)
+    if found.doubted:
+        rows = f"{_counted(found.doubted, 'output')} {'is' if found.doubted == 1 else 'are'}"
+        yield (
+            "",
+            f"{rows} left out of it, as of a fit: far from all others, or equal to the bit for too long for chance.",
+        )
     for heading, other in zip(["Others"] + [""] * len(found.others), found.others, strict=False):
         what = f"column {other.name} explains {share(min(other.left, 1.0))} of the residual of a model with one pole"
         yield heading, f"{what}: it seems to move {roles.output.column.name}, too."

@@ -252,6 +252,24 @@ def test_milliseconds_since_1970_are_recognised_by_their_size(tmp_path: Path) ->
     assert options_of(found)[-2:] == ("--dt", "0.02")
 
 
+@pytest.mark.slow
+def test_values_that_stand_for_missing_ones_are_left_out_of_the_response_as_of_a_fit(tmp_path: Path) -> None:
+    """In one piece, as of a sensor that was off, and one by one; records without them show nothing of the kind."""
+    rng, near, said = np.random.default_rng(41), 0, 0
+    for number in range(6):
+        signals = open_loop(1500, noise=0.01, seed=number)
+        assert not inspect(save(tmp_path / "clean.csv", signals)).doubted
+        y = signals["y"].copy()
+        y[slice(600, 901) if number % 2 else rng.choice(y.size, 30, replace=False)] = -9999.0
+        found = inspect(save(tmp_path / "log.csv", {**signals, "y": y}))
+        is_same_row = found.response is not None and found.response.peak == 0
+        near += found.delay is not None and found.delay < 2.0 * DT and not is_same_row  # it has no dead time
+        said += "left out of it, as of a fit" in "".join(text for _, text in findings_of(found))
+    # of 30 single values, more than half may happen to be at steps of the input
+    assert near >= 5
+    assert said >= 5
+
+
 def check_clock(path: Path, column: str | None, u: str = "u", y: str = "y") -> None:
     """Check that the inspection has the clock of a fit, without a guess or a doubt."""
     found, log = inspect(path), read_log(path, input=u, output=y)
