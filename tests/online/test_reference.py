@@ -144,9 +144,9 @@ def test_before_the_first_one_that_can_be_used_the_sample_is_rejected(value: flo
 def test_a_sample_that_is_rejected_leaves_none_behind() -> None:
     u, y, _, r = measured()
     ident = made()
-    ident.update_many(u[:300], y[:300], DT * np.arange(300), r[:300])
-    ident.update(np.nan, 1.0, 300 * DT, r=7.0)
-    ident.update(u[300], y[300], 301 * DT, r=np.nan)
+    ident.update_many(u[:300], y[:300], r=r[:300])
+    ident.update(np.nan, 1.0, r=7.0)
+    ident.update(u[300], y[300], r=np.nan)
     assert ident.recent_reference[-1] == r[299]
 
 

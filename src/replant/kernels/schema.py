@@ -278,7 +278,10 @@ class StateSlots(slot_tables.Table):
     # --- clock
     gaps = Integer("interruptions after which the filters were restarted")
     gap_at = Integer("accepted samples before the last interruption", below="samples + 1")
-    earlier_stamps = Integer("stamps in a row that advance but lie before the newest accepted one")
+    earlier_stamps = Integer(
+        "stamps in a row that advance but lie before the newest accepted one; without stamps, samples in a row that "
+        "were rejected"
+    )
     interval = Real("nominal sampling time [s]", LAYOUT)
     longest_gap = Real("a longer interval is an interruption [s]", LAYOUT, finite=False)
     last_time = Real("time stamp of the newest sample [s]")

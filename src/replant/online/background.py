@@ -321,11 +321,16 @@ class CatchUp:
         stamps = REGULAR if self.regular else np.cumsum(np.append(new.last_time, again[STEP]))[1:]
         r = again[REFERENCE] if old.has_reference else NOTHING
         _, steps = self.kernels or step_kernels(new, regular=self.regular)
+        # without stamps, samples that were rejected before a sample have lengthened its interval
+        ends = [*(np.flatnonzero(again[STEP] != new.interval).tolist() if self.regular else ()), u.size]
         taken, errors = 0, np.empty(u.size)
         while taken < u.size:
             new.attention, new.held_at = False, BELIEVED  # leaps among them have been accepted before
-            rest = u[taken:], y[taken:], stamps[taken:], r[taken:]
-            taken += steps(*new.arrays, *rest, errors[taken:], np.empty((u.size - taken, 0)))
+            if self.regular:
+                new.earlier_stamps = round(again[STEP][taken] / new.interval) - 1
+            some = slice(taken, next(end for end in ends if end > taken))
+            rest = u[some], y[some], stamps[some], r[some]
+            taken += steps(*new.arrays, *rest, errors[some], np.empty((rest[0].size, 0)))
             note_alarm(new, settings)
         self._learned += taken
 

@@ -275,9 +275,8 @@ class Identifier(Lifecycle):
             filters begin anew.  A sample whose stamp leaps by more than 50 dt is held back until the next one: if that
             follows within 50 dt, or within twice the leap, both are accepted; otherwise the first was misread.  A stamp
             beyond 4.5e13 dt from zero, where float64 does not resolve a hundredth of dt, is rejected.
-            Without stamps a number that cannot be used counts as missing: the input before lasts, and the output of
-            that sample is not used.  An optimizer without a covariance rejects the sample, which then takes no time:
-            give it stamps.
+            Without stamps a rejected sample takes dt; with an optimizer without a covariance it takes no time: then
+            give stamps.
         r : float, optional
             Reference, if a controller makes the input: the set-point or a dither, applied from outside and independent
             of the disturbances.  Given with every sample, or with none; its unit does not matter.  A value that is not

@@ -293,7 +293,7 @@ class Lifecycle(Estimate):
         if at_any_rate:
             self._begin(at_any_rate=True)
         elif measured(state) >= self._hold or is_full:
-            if drop_misread(state, self._request, stamped=not self._regular):
+            if drop_misread(state, self._request):
                 self._solved = {}
             else:
                 self._begin(is_full=is_full)

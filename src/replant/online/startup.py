@@ -59,7 +59,7 @@ def take_held(state: State, steps: Callable[..., Any]) -> None:
         state.held_at = 0
 
 
-def drop_misread(state: State, request: Request, *, stamped: bool) -> bool:
+def drop_misread(state: State, request: Request) -> bool:
     """Reject collected samples with a misread input, as the spread of inputs is now known; return whether any were."""
     kept = collected(state)
     u = kept.input.copy()
@@ -74,7 +74,7 @@ def drop_misread(state: State, request: Request, *, stamped: bool) -> bool:
     rest = np.delete(np.arange(u.size), misread)
     rows = np.isin(np.arange(u.size), rest[_believed(request, u[rest])])
     lost = u.size - int(rows.sum())
-    _replace(state, kept.select(rows) if stamped else kept[rows])
+    _replace(state, kept.select(rows))
     state.input_leaps += lost
     return True
 

@@ -128,6 +128,12 @@ def leave(s, u, y, t, r, confirms):
     return 1
 
 
+def pass_time(s, t, samples):
+    """Let ``samples`` that were rejected take their time where neither stamps nor the article's method tell it."""
+    if math.isnan(t) and s.examines_output and s.samples > 0:
+        s.earlier_stamps += samples
+
+
 def is_far(s, u):
     """Return whether an input is far beyond all earlier ones; never before the first."""
     away = u - s.input_mean
@@ -140,8 +146,10 @@ def input_leaps(s, u, y, t, r):
         return False
     if math.isinf(t):
         s.not_finite += 1
-    else:
-        s.input_leaps += leave(s, u, y, t, r, s.held_at == s.samples + 1 and is_far(s, s.held_input))
+        return True
+    more = leave(s, u, y, t, r, s.held_at == s.samples + 1 and is_far(s, s.held_input))
+    s.input_leaps += more
+    pass_time(s, t, more)
     return True
 
 
@@ -168,7 +176,11 @@ def is_too_coarse(s, t):
 def interval_of(s, u, y, t, r):
     """Return the time since the previous sample; NaN if the stamp cannot be used, or not yet, which is counted."""
     if math.isnan(t):
-        return s.interval
+        interval = s.interval * (1.0 + s.earlier_stamps)
+        s.earlier_stamps = 0
+        if interval > s.longest_gap:
+            interrupt(s, interval)
+        return interval
     if math.isinf(t):
         s.not_finite += 1
         return np.nan

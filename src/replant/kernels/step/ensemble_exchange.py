@@ -108,6 +108,8 @@ def is_ordinary(s, own, samples):
     end = s.samples + samples
     if s.attention or not (s.started and s.adapt and s.warming) or s.alarm != Alarm.NONE or s.stuck_outputs > 0:
         return False
+    if s.earlier_stamps > 0:  # a rejected sample has taken its time
+        return False
     if end >= s.past_due or s.samples < s.attention_at <= end or s.buffer_filled < 1 or s.unknown_input > 0.0:
         return False
     if s.residuals_seen < outliers.ENOUGH or s.elapsed < s.learn_from:

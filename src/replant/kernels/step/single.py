@@ -15,8 +15,7 @@ import numpy as np
 from replant.kernels import schema as at
 from replant.kernels.filters import chain, reference, whitening
 from replant.kernels.monitoring import interruptions, outliers, scatter
-from replant.kernels.monitoring.recent import place_of
-from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Kernel, Matrix, Reals, inlined, kernel
+from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Kernel, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import Alarm, Doubt, StateSlots
 from replant.kernels.step import stages
@@ -61,13 +60,6 @@ def lacks_first_reference(s, r):
     return True
 
 
-@inlined
-def in_time(u, y, before):
-    """Return input and output of a sample without a stamp: what cannot be used is missing, so that time goes on."""
-    has_input = abs(u) <= at.LARGEST  # else the one before lasts, and the output tells nothing
-    return u if has_input else before, y if has_input and abs(y) <= at.LARGEST else np.nan
-
-
 def collect(s, u, y, t, r):
     """Keep one sample of the start-up; return NaN, as nothing is predicted yet.
 
@@ -76,9 +68,8 @@ def collect(s, u, y, t, r):
     """
     u, y = stages.mapped_input(s, u), y - s.output_offset
     has_one_before = s.examines_output and s.samples > 0
-    if has_one_before and math.isnan(t):
-        u, y = in_time(u, y, s.recent[place_of(s.recent, s.recent_head, 1, 0), at.INPUT])
     if not (stages.acceptable(s, u, y) or (has_one_before and stages.lacks_output_alone(s, u, y))):
+        interruptions.pass_time(s, t, 1)
         return np.nan
     if lacks_first_reference(s, r) or (interruptions.is_far(s, u) and interruptions.input_leaps(s, u, y, t, r)):
         return np.nan
@@ -120,9 +111,8 @@ def take_covariance(s, u, y, t, r):
     ``r`` is the reference, NaN without one.
     """
     u, y = stages.mapped_input(s, u), y - s.output_offset
-    if s.started and math.isnan(t):
-        u, y = in_time(u, y, s.inputs[s.ring_head])
     if not (stages.acceptable(s, u, y) or stages.lacks_output_alone(s, u, y)):
+        interruptions.pass_time(s, t, 1)
         return np.nan
     if interruptions.is_far(s, u) and interruptions.input_leaps(s, u, y, t, r):
         return np.nan
