@@ -280,6 +280,8 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
     "RowModel.of_log": lambda: (
         row().model.of_log, {"input_names": ("a", "b"), "output_name": "y", "source": "log.csv", "sha256": ""},
     ),
+    "RowModel.step": lambda: (row().model.step, {"duration": 3.0}),
+    "RowModel.bode": lambda: (row().model.bode, {"frequency": [0.1, 1.0]}),
     "RowModel.simulate": lambda: (row().model.simulate, {"u": TWO, "t": T}),
     "RowModel.predict": lambda: (row().model.predict, {"u": TWO, "y": Y, "horizon": 3, "t": T}),
     "RowModel.score": lambda: (row().model.score, {"log": TWO, "y": Y, "t": T}),

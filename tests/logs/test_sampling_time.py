@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -362,18 +361,6 @@ def test_a_column_of_text_under_the_letter_t_is_not_the_time(write: Write) -> No
     rows = [f"{0.5 * k},{k % 2},{k % 3},warm" for k in range(40)]
     with pytest.raises(LogError, match="no column is called t, time or timestamp; name the time column"):
         read_log(write("\n".join(["Zeit,u,y,T", *rows])), input="u", output="y")
-
-
-def test_a_sampling_time_that_the_stamps_contradict_is_used_with_a_warning(write: Write) -> None:
-    path = write("\n".join(["t,u,y", *(f"{0.5 * k},{k % 2},{k % 3}" for k in range(40))]))
-    with pytest.warns(UserWarning, match=r"column 't' steps by 0\.5 s, but dt is 2 s; dt is used") as caught:
-        assert read_log(path, input="u", output="y", dt=2.0).dt == 2.0
-    with pytest.warns(UserWarning, match=r"but dt is 2 s"):
-        read_log(pandas.read_csv(path), input="u", output="y", dt=2.0)
-    assert [each.filename for each in caught] == [__file__]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        read_log(path, input="u", output="y", dt=0.5)
 
 
 def test_without_a_name_of_time_the_error_lists_the_columns_and_names_the_one_that_rises(write: Write) -> None:

@@ -188,7 +188,7 @@ def _opened(options: dict[str, Any], **how: Any) -> Recording:
         note(found_in_file)
     if recording.irregular:
         note(f"{recording.irregularity}; {_STAMPS_COUNT}")
-    for contradiction in contradicted(recording.table, options["dt"], "--dt"):
+    if contradiction := contradicted(recording.table, options["dt"]):
         note(contradiction)
     if recording.doubt:
         note(f"{options['log']}: {recording.doubt}")

@@ -29,7 +29,7 @@ from replant.logs.sampling_time import (
     time_columns,
 )
 from replant.logs.table import Arrays, Table, in_parts, listed, repeated_rows
-from replant.logs.time_advice import GIVE_TIME, contradicted, time_advice
+from replant.logs.time_advice import GIVE_TIME, time_advice
 from replant.numerics.arguments import FloatArray, is_frame, iterable
 from replant.numerics.limits import file_path
 
@@ -80,7 +80,7 @@ def read_log(
         The column of time stamps: dates, clock times, or numbers in seconds or in the unit that its name states
         (``t [ms]``).  They must increase.  The stamps of an irregular clock are used, see `Log.stamps`.
     dt : float, optional
-        The sampling time in seconds, instead of `time`; a warning reports a time column that contradicts it.
+        The sampling time in seconds, instead of `time`.
     reference : str or int, optional
         The column of the reference: a controller's set-point or a dither, applied from outside; with several inputs,
         perhaps a list.
@@ -121,7 +121,7 @@ def read_log(
         if input is None or output is None:
             there = f"there are {listed(read_columns(path).names)}"
             raise ArgumentTypeError(f"name columns of the log, input=... and output=...; {there}")
-        log = _held(open_recording(path, **columns, most_held=sys.maxsize), dt)
+        log = _held(open_recording(path, **columns, most_held=sys.maxsize))
     return replace(log, sha256=digest(log.path))
 
 
@@ -137,20 +137,19 @@ def log_of_frame(
     each = [number for found in columns.values() for number in (found if isinstance(found, list) else [found])]
     if keys["time"] is None and dt is None:
         columns["time"] = given.clock
-    log = _held(open_recording(given.table, **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize), dt)
+    log = _held(open_recording(given.table, **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize))
     beside = given.beside({*each, *time_columns(given.table), *given.table.parts}, len(log))
     hold = getattr(frame, "attrs", {}).get("input_hold", log.input_hold)  # of `Log.to_pandas`
     return replace(log, path=Path(), others={**beside, **log.others}, input_hold=hold)
 
 
-def _held(recording: Recording, dt: float | None) -> Log:
+def _held(recording: Recording) -> Log:
     """Return the log of a recording in memory; its notes become warnings at the line that called the package."""
-    notes = (*recording.table.notes, *contradicted(recording.table, dt, "dt"))
     ours, level, depth, place = str(Path(__file__).parents[1]), 1, 1, inspect.currentframe()
-    while notes and place is not None:
+    while recording.table.notes and place is not None:
         level = depth + 1 if place.f_code.co_filename.startswith(ours) else level
         depth, place = depth + 1, place.f_back
-    for note in notes:
+    for note in recording.table.notes:
         warnings.warn(note, stacklevel=level)
     assert recording.held is not None
     return recording.held

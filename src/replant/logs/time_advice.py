@@ -27,13 +27,13 @@ def time_advice(table: Table, taken: Collection[int]) -> str:
     return f"name the time column (time, --time), perhaps {name}, or give the sampling time (dt, --dt); {there}"
 
 
-def contradicted(table: Table, dt: float | None, name: str) -> list[str]:
-    """Return a note on a sampling time in s, called ``name``, that a table's time column contradicts; else none."""
+def contradicted(table: Table, dt: float | None) -> str:
+    """Return a note on a ``--dt`` in s that a table's time column contradicts; empty if none does."""
     interval = None if dt is None else stamped_interval(table)
     if dt is None or interval is None or abs(interval[1] / dt - 1.0) <= MOST_OFF:
-        return []
+        return ""
     column, usual = interval
-    return [f"{table.path}: column {column!r} steps by {usual:.4g} s, but {name} is {dt:.4g} s; {name} is used"]
+    return f"{table.path}: column {column!r} steps by {usual:.4g} s, but --dt is {dt:.4g} s; --dt is used"
 
 
 def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] | None:
