@@ -57,3 +57,26 @@ def test_one_by_one_is_equal_to_the_bit(inputs: int) -> None:
     assert (single.samples, single.rejected) == (whole.samples, whole.rejected)
     if inputs == 1:
         assert state(single) == state(whole)
+
+
+@pytest.mark.parametrize("cut", [705, 761])
+def test_a_checkpoint_within_a_hole_and_behind_it_goes_on_to_the_bit(cut: int) -> None:
+    u, y = measured(1)
+    u[700:760, 0] = np.nan
+    whole, single = made(1), made(1)
+    whole.update_many(u[:1000, 0].copy(), y[:1000])
+    single.update_many(u[:cut, 0].copy(), y[:cut])
+    again = rp.Identifier.from_bytes(single.to_bytes())
+    again.update_many(u[cut:1000, 0].copy(), y[cut:1000])
+    assert state(again) == state(whole)
+
+
+def test_a_member_of_an_ensemble_gets_the_bits_that_it_would_get_alone() -> None:
+    records = [measured(seed) for seed in range(5)]
+    u, y = (np.column_stack(each) for each in zip(*((u[:600, 0], y[:600]) for u, y in records), strict=True))
+    several = rp.Ensemble([made(1) for _ in records])
+    several.update_many(u, y)
+    for number, parameters in enumerate(several.parameters):
+        alone = made(1)
+        alone.update_many(u[:, number].copy(), y[:, number].copy())
+        np.testing.assert_array_equal(parameters, alone.parameters)
