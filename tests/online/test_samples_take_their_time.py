@@ -80,3 +80,14 @@ def test_a_member_of_an_ensemble_gets_the_bits_that_it_would_get_alone() -> None
         alone = made(1)
         alone.update_many(u[:, number].copy(), y[:, number].copy())
         np.testing.assert_array_equal(parameters, alone.parameters)
+
+
+@pytest.mark.parametrize("before", [30, 600])
+def test_finish_within_a_hole_keeps_its_time(before: int) -> None:
+    u, y = measured(2)
+    ident = made(1)
+    ident.update_many(u[:before, 0].copy(), y[:before])
+    ident.update_many(np.full(50, np.nan), np.zeros(50))
+    ident.finish()
+    ident.update(0.0, 0.0)
+    assert ident.recent[-1, 2] == pytest.approx(51 * DT)

@@ -251,7 +251,7 @@ def test_of_a_constant_output_each_attempt_that_failed_is_said_and_at_the_end_no
     ident.update_many(u, np.full(1500, 5.0))
     assert (
         ident.assess().reasons[-1]
-        == "starting: 1500 of the 2400 samples for the first model; 1200 gave none that is usable"
+        == "starting: 1500 of the 2400 samples for the first model; the attempts before gave no usable model"
     )
     ident.finish()
     assert ident.assess().reasons[-1] == "the record of 1500 samples gives no usable model"
@@ -260,3 +260,11 @@ def test_of_a_constant_output_each_attempt_that_failed_is_said_and_at_the_end_no
     assert ident.left_out.size == 0
     ident.update(1.0, 5.0)
     assert ident.assess().reasons[-1].startswith("starting: 1501 of the 2400 samples")
+
+
+def test_a_start_up_that_was_finished_and_goes_on_can_be_saved() -> None:
+    ident = rp.Identifier(rp.Structure(2), 0.02)
+    ident.update_many(np.ones(12_000), np.zeros(12_000))
+    ident.finish()
+    ident.update_many(np.ones(4_500), np.zeros(4_500))  # the older samples are dropped
+    assert rp.Identifier.from_bytes(ident.to_bytes()).assess().reasons == ident.assess().reasons

@@ -65,7 +65,7 @@ def _pairs(names: Sequence[str]) -> Iterator[tuple[int, int, float]]:
 
 
 def _origin(table: Table, seconds: int, rest: int, unit: float) -> float | None:
-    """Return the first whole second; None if the columns do not hold whole seconds and a rest below one second."""
+    """Return the first whole second; None if the columns are not whole seconds and a rest below one, that advance."""
     try:
         whole, further = table.head([seconds, rest], _ROWS)
     except LogError:  # they hold no numbers
@@ -73,7 +73,8 @@ def _origin(table: Table, seconds: int, rest: int, unit: float) -> float | None:
     known = np.isfinite(whole) & np.isfinite(further)
     whole, further = whole[known], further[known] * unit
     is_split = whole.size and (whole == np.rint(whole)).all() and ((further >= 0.0) & (further < 1.0)).all()
-    return float(whole[0]) if is_split else None
+    steps = np.diff(whole + further)
+    return float(whole[0]) if is_split and steps.size and steps.min() >= 0.0 and steps.max() > 0.0 else None
 
 
 def _sum(seconds: FloatArray, rest: FloatArray, unit: float, origin: float) -> FloatArray:

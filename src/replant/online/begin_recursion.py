@@ -224,7 +224,7 @@ def carry_over(old: State, new: State) -> None:
     new.change_began = old.change_began if old.alarm else old.samples
     new.past[:], new.recent[:] = old.past, old.recent
     # not from the warm-up: a regular record has no stamps, and steps to bridged outputs are not the sensor's
-    new.take_over(old, State.last_time, State.last_raw, State.sensor_step, State.cusum_limit)
+    new.take_over(old, State.last_time, State.earlier_stamps, State.last_raw, State.sensor_step, State.cusum_limit)
     new.prior[:] = old.prior
     new.largest_power = max(old.largest_power, new.largest_power)
     if old.noise_has_grown:  # the mean over the whole record is that of smaller noise

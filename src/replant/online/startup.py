@@ -107,6 +107,7 @@ def _replace(state: State, kept: RecentSamples) -> None:
     state.gap_at = max(state.gap_at - (state.samples - len(values)), 0)
     state.recent[: len(values)], state.recent[len(values) :] = values, 0.0
     state.samples, state.recent_head, state.held_at = len(values), len(values) % len(state.recent), 0
+    state.finished_at = 0
 
 
 @quiet
@@ -172,7 +173,7 @@ def begin(
             if not state.path_size:  # too few raw samples will be kept to test this later
                 state.sums.refuted = float(_is_refuted(settings, solution))
         state.ready_at, state.solved_at = state.elapsed, state.samples
-    state.take_over(old, *REJECTED, State.no_output, State.last_time)
+    state.take_over(old, *REJECTED, State.no_output, State.last_time, State.earlier_stamps)
     return state, error
 
 

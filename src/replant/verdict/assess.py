@@ -138,7 +138,7 @@ def assess_starting(
         few = f"; one takes {request.least_startup} at least" if count < request.least_startup else ""
         reason = f"the record of {count} samples gives no usable model{few}"
     elif failed:
-        reason += f"; {wanted // 2} gave none that is usable"
+        reason += "; the attempts before gave no usable model"
     findings = [Finding("converging", reason)]
     if solved:
         reason = f"the present model is provisional: it is made from {solved} samples and tested on none"

@@ -436,8 +436,11 @@ def test_lines_of_whole_and_other_numbers_are_a_table_and_of_anything_else_none(
 
 @pytest.mark.parametrize(
     ("line", "written"),
-    [("-0,61;-0,01", "-0.61,-0.01"), ("1;2;3", "1,2,3"), ("0.5 1e-3", "0.5,0.001"), ("0.5\t2", "0.5,2"), ("u;y", None)],
-)
+    [
+        ("-0,61;-0,01", "-0.61,-0.01"), ("1;2;3", "1,2,3"), ("0.5 1e-3", "0.5,1e-3"), ("0.5\t2", "0.5,2"),
+        ("1700000000123 1 2", "1700000000123,1,2"), ("u;y", None), ("1,2;", None), ("nan;2", None),
+    ],
+)  # fmt: skip
 def test_numbers_with_other_separators_are_shown_as_they_are_to_be_written(line: str, written: str | None) -> None:
     parser = Parser(Counter(), None)
     parser.parse(f"{line}\n".encode(), arrived=0.0)

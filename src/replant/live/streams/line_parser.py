@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -107,12 +108,15 @@ def _number(name: str, value: Any) -> float:
 
 def _as_csv(line: str | bytes) -> str:
     """Return how the numbers of a line with other separators are to be written; empty if it has none."""
-    cells = [cell.replace(",", ".") for cell in re.split(r"[;\s]+", line.strip())] if isinstance(line, str) else []
+    cells = re.split(r"[;\s]+", line.strip()) if isinstance(line, str) else []
+    if len(cells) < 2 or any(cell.startswith(",") or cell.endswith(",") for cell in cells):
+        return ""
+    cells = [cell.replace(",", ".") for cell in cells]
     try:
-        written = ",".join(f"{parse_number(cell):g}" for cell in cells)
+        is_known = all(math.isfinite(parse_number(cell)) for cell in cells)
     except ValueError:
         return ""
-    return f"; separate numbers by commas: {written}" if len(cells) > 1 else ""
+    return f"; separate numbers by commas: {','.join(cells)}" if is_known else ""
 
 
 LONGEST = 1 << 16  # longest line; a longer one is skipped [bytes]
