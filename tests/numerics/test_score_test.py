@@ -62,17 +62,3 @@ def test_the_error_of_a_model_of_other_samples_is_counted_as_noise_is() -> None:
     assert found.statistic == pytest.approx(amounts @ np.linalg.solve(spread, amounts) / limit, rel=1e-6)
     assert found.exactly > 1.0 > found.statistic
     assert residual.explained(columns).statistic == pytest.approx(found.exactly)
-
-
-def test_an_effect_is_as_large_as_in_the_output_also_where_known_columns_resemble_it() -> None:
-    """What the weights found make beside no column, in place of what is left of it beside the resembling one."""
-    rng = np.random.default_rng(6)
-    resembling = rng.standard_normal(SAMPLES)
-    column = resembling + rng.standard_normal(SAMPLES)
-    error = 0.5 * column + 0.01 * rng.standard_normal(SAMPLES)
-    whole = Residual.of(error, np.zeros((SAMPLES, 0)), np.zeros(SAMPLES, np.int64), slice(None))
-    found = whole.knowing(resembling[:, None]).explained(column[:, None])
-    power, std = whole.power_of(column[:, None], found)
-    assert abs(power - 0.25 * np.var(column)) < 3.0 * std
-    assert std < 0.02 * power
-    assert found.power < 0.7 * power

@@ -179,7 +179,7 @@ class Residual:
         variance = sum_of_squares(rest) / free
         if not variance > 0.0:
             made = float(np.mean(self.left_of(columns, weights)[self.whitening.used] ** 2))
-            return Explained(weights, made, 0.0, math.inf, math.inf, 0.0, 0.0, np.zeros((weights.size, 0)))
+            return Explained(weights, made, 0.0, math.inf, math.inf, 0.0, 0.0)
         chance = float(fdtrc(count, free, part / count / variance))  # colour that the noise model leaves counts
         variance *= widening(left, rest, variance, basis)
         limit = float(chi2_quantile(1.0 - ALPHA, max(count - spent, 1)))
@@ -194,24 +194,13 @@ class Residual:
         found = Explained(weights, 0.0, 0.0, statistic, exactly, chance, deviation, roots)
         if not (found.is_sure or measures_chance):
             return found
-        # as they are in the output
-        power, std = _power_of((columns - combined(self.known, along))[self.whitening.used], weights, roots)
-        return replace(found, power=power, std=std)
-
-    def power_of(self, columns: FloatArray, found: Explained) -> tuple[float, float]:
-        """Return ``power`` and ``std`` of what columns (K, C) make beside the known ones here, by weights found."""
-        left = columns - combined(self.known, self._along(self.whitening.of(columns)))
-        return _power_of(left[self.whitening.used], found.weights, found.roots)
+        whole = (columns - combined(self.known, along))[self.whitening.used]  # as they are in the output
+        square = products(whole, whole)
+        gram, output = roots.T @ square @ roots, square @ weights
+        power = (float(weights @ output) - float(np.trace(gram))) / size
+        std = math.sqrt(2.0 * float(np.sum(gram**2)) + 4.0 * sum_of_squares(roots.T @ output)) / size
+        return replace(found, power=max(power, 0.0), std=std)
 
     def _along(self, white: FloatArray) -> FloatArray:
         """Return what of the known columns, scaled to one, whitened columns (W, C) hold (N, C)."""
         return np.asarray(self.from_known @ (self.from_known.T @ products(self.white_known, white)))
-
-
-def _power_of(columns: FloatArray, weights: FloatArray, roots: FloatArray) -> tuple[float, float]:
-    """Return the mean square of columns (K, C) by weights, less its value by their errors alone, and its deviation."""
-    square, size = products(columns, columns), len(columns)
-    gram, output = roots.T @ square @ roots, square @ weights
-    power = (float(weights @ output) - float(np.trace(gram))) / size
-    std = math.sqrt(2.0 * float(np.sum(gram**2)) + 4.0 * sum_of_squares(roots.T @ output)) / size
-    return max(power, 0.0), std

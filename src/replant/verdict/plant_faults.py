@@ -218,7 +218,6 @@ def _dependence(acting: Acting, path: Path, error: FloatArray, residual: Residua
     if not found.is_sure:
         return Dependence(on, columns, error, residual)
     effect = residual.left_of(columns, found.weights)
-    beside = acting.residual.beside(error, effect) if on.at is None else residual
     error, residual = error - effect, residual.beside(error, effect)
     found = residual.explained(columns)
     if on.at is None:
@@ -227,9 +226,8 @@ def _dependence(acting: Acting, path: Path, error: FloatArray, residual: Residua
         # colour that the noise model leaves widens the score: slow noise resembles a slow change
         if not found.statistic > colour_left(left, evidence.past):
             return Dependence(on, columns, error, residual)
-        # the mean square of the change of G: beside its mean, and also where other dynamics resemble its effect
-        power, std = beside.power_of(columns, found)
-        part = max(power - std, 0.0) / power_of(acting.evidence, acting.output[acting.rows])
+        # the mean square of the change of G, less what other dynamics and a drift may explain of its effect, too
+        part = max(found.power - found.std, 0.0) / power_of(acting.evidence, acting.output[acting.rows])
         return Dependence(on, columns, error, residual, found.statistic, math.sqrt(part))
     changes = path.changes_of_response(excited_frequencies(acting.evidence))
     changes[:, [0, path.a.size + 1]] *= on.slope
