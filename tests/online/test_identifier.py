@@ -389,8 +389,11 @@ def test_a_spike_is_counted_and_leaves_the_estimate_alone(spike: float, preproce
     u, y = record(G1, seed=3, samples=200, dt=0.05, noise=0.05)
     for position in (0, 20, 150):
         spiked, clean = (rp.Identifier(rp.Structure(1), 0.05, preprocess=preprocess, startup=60) for _ in range(2))
-        spiked.update_many(np.insert(u, position, spike), np.insert(y, position, 0.0))
-        clean.update_many(u, y)
+        t = 0.05 * np.arange(u.size)
+        spiked.update_many(
+            np.insert(u, position, spike), np.insert(y, position, 0.0), np.insert(t, position, t[position])
+        )
+        clean.update_many(u, y, t)
         assert sum(spiked.rejected.values()) == 1 + sum(clean.rejected.values())
         np.testing.assert_array_equal(spiked.parameters, clean.parameters)
 
