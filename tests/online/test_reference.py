@@ -258,3 +258,10 @@ def test_an_ensemble_refuses_it_by_name() -> None:
         Ensemble([made(), ident])
     with pytest.raises(InvalidArgumentError, match="an ensemble knows no reference"):
         Ensemble(ident, 3)
+
+
+def test_a_sample_without_its_reference_is_one_that_was_used() -> None:
+    u, y, _, r = measured()
+    r[300:310] = np.nan
+    found = rp.run(u, y, DT, STRUCTURE, reference=r)
+    assert (found.rejected["no reference"], found.used) == (10, SAMPLES)

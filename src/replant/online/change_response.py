@@ -170,7 +170,7 @@ def _one_model(old: State, settings: Settings, since_alarm: Contest, rivals: lis
 def of_whole(old: State, settings: Settings, contest: Contest, began: int, rivals: list[Claim]) -> list[Claim]:
     """Return the claim that one model holds for all samples after ``began``, if that may change what is decided on.
 
-    None if not all of the samples are kept.
+    There is no claim if not all of the samples are kept.
     """
     if old.samples - contest.record.u.size > began:
         return []

@@ -129,7 +129,7 @@ def leave(s, u, y, t, r, confirms):
 
 
 def pass_time(s, t, samples):
-    """Let ``samples`` that were rejected take their time where neither stamps nor the article's method tell it."""
+    """Let rejected ``samples`` lengthen the next interval, if there are no stamps and outputs are examined."""
     if math.isnan(t) and s.examines_output and s.samples > 0:
         s.earlier_stamps += samples
 

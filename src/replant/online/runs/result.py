@@ -275,7 +275,8 @@ class Result:
     @property
     def used(self) -> int:
         """Samples whose output the estimate is made from; an identifier accepts others for their input."""
-        return self.samples - (sum(self.rejected.get(each, 0) for each in COUNTED) if self.settings else 0)
+        bridged = COUNTED - {"no reference"}  # a sample without its reference is learned with the one before
+        return self.samples - (sum(self.rejected.get(each, 0) for each in bridged) if self.settings else 0)
 
     def without_added(self, added: int) -> Result:
         """Return the result with counts that do not include the samples without output that `Log.added` counts."""
