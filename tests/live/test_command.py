@@ -587,6 +587,27 @@ def test_a_second_session_that_would_write_to_the_same_place_is_refused(
     assert "another session" not in err
 
 
+@every(
+    ("rows", "message"),
+    [
+        ("t,u,y\n0,1,2\n0.1,2,3\n0.05,1,1\n0.3,1,2\n", "log.csv: line 4, column 't': the time stamp 0.05 goes back"),
+        ("t,u,y\n0,1,2\n0.1,2,3\n0.2x,1,1\n0.3,1,2\n", "log.csv: line 4, column 't'"),
+        ("t,volt,speed\n0,1,2\n0.1,2,3\n", "log.csv: no column 'u'; there are: t, volt, speed"),
+        ("u,y\n1,2\n2,3\n", "log.csv: no column is called t, time or timestamp"),
+    ],
+)
+def test_a_log_without_a_clock_says_why(
+    rows: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "log.csv").write_text(rows)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stop:
+        main(["live", "log.csv", "--poles", "1"])
+    out, err = capsys.readouterr()
+    assert (stop.value.code, out, err.count("\n")) == (2, "", 1)
+    assert f"--dt is missing, and the log does not tell it: {message}" in err
+
+
 def test_recording_into_a_used_folder_is_refused(tmp_path: Path) -> None:
     used = tmp_path / "samples"
     used.mkdir()

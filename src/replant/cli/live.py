@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import sys
 from pathlib import Path
@@ -213,16 +212,17 @@ def _request(options: dict[str, Any]) -> AnyRequest:
     return Request(structure, options["dt"], preprocess=shared.preprocess_of(options), **more)
 
 
-def _interval_of(address: Address, signals: Signals) -> float | None:
-    """Return the sampling time of a recorded log; None if it is no log, or tells none."""
+def _interval_of(address: Address, signals: Signals) -> float:
+    """Return the sampling time of a recorded log; raise InvalidArgumentError with the reason if it tells none."""
     given = address.options
     keys = (given.get("input", "u"), given.get("output", "y")) if signals == UY else (signals.inputs, signals.output)
     named: dict[str, Any] = {"input": keys[0], "output": keys[1], "time": given.get("time"), "dt": address.number("dt")}
-    with contextlib.suppress(ReplantError):
+    try:
         dt = open_recording(address.path, **named).dt
-        note(f"--dt {dt:g}: the interval of {address.path}")
-        return dt
-    return None
+    except ReplantError as error:
+        raise InvalidArgumentError(f"--dt is missing, and the log does not tell it: {error}") from error
+    note(f"--dt {dt:g}: the interval of {address.path}")
+    return dt
 
 
 def _has_reference(address: Address) -> bool:
