@@ -228,3 +228,22 @@ def test_in_a_loop_without_a_reference_the_structure_is_searched_where_no_column
     of_log(capsys, log, "fit", "-p", 1, "--delay", 3)
     step = dict(walked)["the input answers the residual of the same sample"]
     assert step.words.startswith(next_is)
+
+
+@pytest.mark.parametrize(
+    ("names", "cells", "more"),
+    [
+        (("when",), lambda k: (f"2024-05-01T00:{k // 60:02d}:{k % 60:02d}",), ("--dt", 1)),
+        (("stamp.sec", "stamp.nanosec"), lambda k: (f"{1_714_521_600 + k}", "500000000"), ("--dt", 1)),
+        (("clock",), lambda k: (f"{k}",), ("--time", "clock")),
+    ],
+)
+def test_a_time_is_no_set_point(
+    capsys, log: Path, walked: Watched, names: tuple[str, ...], cells: Callable[[int], tuple[str, ...]], more: Any
+) -> None:
+    rows = [line.split(",") for line in log.read_text().splitlines()[1:]]
+    lines = [",".join(("u", *names, "y")), *(",".join((r[1], *cells(k), r[4])) for k, r in enumerate(rows))]
+    log.write_text("\n".join(lines) + "\n")
+    of_log(capsys, log, "fit", "-p", 1, "--delay", 3, *more)
+    step = dict(walked)["the input answers the residual of the same sample"]
+    assert step.words.startswith("search the structure")

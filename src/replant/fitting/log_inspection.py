@@ -72,11 +72,12 @@ def with_others(recording: Recording) -> Recording:
     if log is None or not set(names) - roles:
         return recording
     contents = read_contents(recording.table)
+    times = {recording.clock, *recording.table.in_seconds}  # a date is no signal: neither a cause nor a set-point
     others = {
         column.name: contents.values[column.number]
         for column in contents.columns
         if column.is_signal and column.rows == log.input.size and column.name not in roles
-        and names.count(column.name) == 1
+        and names.count(column.name) == 1 and column.number not in times
     }  # fmt: skip
     return replace(recording, held=replace(log, others={**others, **log.others}))
 

@@ -202,7 +202,7 @@ def open_recording(
                 "again",
             )
     irregularity, unit, doubt = "", StampUnit(1.0), ""
-    if stamped := "time" in roles:
+    if "time" in roles:
         stamps = arrays[-1]
         interval, irregularity = interval_of(table, roles["time"], stamps)
         unit = checked_unit(table, roles["time"], stamps)
@@ -214,7 +214,19 @@ def open_recording(
     arrays = [*arrays[: len(columns)], *arrays[len(keys) :]]
     complete = all(np.isfinite(part).all() for parts in in_parts(arrays[: len(columns)]) for part in parts)
     recording = Recording(
-        table, columns, arrays, step, stamped, rows, complete, None, begin, end, irregularity, unit.seconds, doubt
+        table,
+        columns,
+        arrays,
+        step,
+        roles.get("time"),
+        rows,
+        complete,
+        None,
+        begin,
+        end,
+        irregularity,
+        unit.seconds,
+        doubt,
     )
     if rows > most_held and not others:
         return recording

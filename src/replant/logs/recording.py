@@ -27,7 +27,7 @@ class Recording:
     columns: tuple[int, ...]
     arrays: Sequence[FloatArray]  # the columns, then the time stamps if there are any
     dt: float
-    stamped: bool
+    clock: int | None  # the column of the time stamps
     samples: int
     complete: bool
     held: Log | None
@@ -44,6 +44,11 @@ class Recording:
         return replace(
             self, arrays=(), dt=log.dt, samples=len(log), complete=complete, held=log, irregularity=irregularity
         )
+
+    @property
+    def stamped(self) -> bool:
+        """Whether the log has time stamps that are used."""
+        return self.clock is not None
 
     @property
     def irregular(self) -> bool:
