@@ -17,6 +17,7 @@ from replant.fleet.page import write_reports
 from replant.fleet.store import Store
 from replant.numerics.operating_system import ENDING
 from support.cases import every
+from support.command import call
 from support.fleets import as_csv, as_parquet, as_table, recorded, small_fleet
 
 
@@ -48,6 +49,50 @@ def test_links_that_lead_round_are_not_followed(tmp_path: Path) -> None:
     ):
         (logs / where).symlink_to(to)
     assert set(names(logs)) == {"a/1.csv", "a/other/2.csv", "b/2.csv", "b/other/1.csv"}
+
+
+PROSE = (
+    "Notes of the campaign\nRig a was warm; rig b was cold.\nDo not use c.\n",
+    "Readme\n\nRecorded 2024-05-01, by Anna, with 2 sensors.\n1. start the pump\n2. stop it\n",
+)
+MAY_BE_LOGS = (
+    "",
+    "t,u,y\n",
+    "time,volt,speed\n0,1,2\n1,2,3\n",
+    "when;u;y\n2024-05-01 00:00:00;1,5;\n2024-05-01 00:00:01;;2,5\n",
+    "a rig\nits log\n0 1 2\n1 2 3\n",
+)
+
+
+@pytest.mark.parametrize("by", ["file", "folder"])
+def test_a_text_without_rows_of_numbers_is_left_out(tmp_path: Path, by: str) -> None:
+    logs = small_fleet(tmp_path / "logs", 2)
+    for number, text in enumerate(PROSE):
+        (logs / f"notes{number}.txt").write_text(text)
+    left_out: list[str] = []
+    assert len(find_rigs(logs, by, no_log=left_out.append)) == (2 if by == "file" else 1)
+    assert left_out == ["notes0.txt", "notes1.txt"]
+    assert [rig.name for rig in find_rigs(logs / "notes0.txt", "file")] == ["notes0.txt"]  # named, it is read
+
+
+def test_what_may_be_a_log_is_a_rig(tmp_path: Path) -> None:
+    for number, text in enumerate(MAY_BE_LOGS):
+        (tmp_path / f"{number}.txt").write_text(text)
+    (tmp_path / "hex.csv").write_text("t,u,y\nff,a0,b1\nfe,a1,b2\n")
+    left_out: list[str] = []
+    assert len(find_rigs(tmp_path, "file", no_log=left_out.append)) == len(MAY_BE_LOGS) + 1
+    assert not left_out
+
+
+def test_texts_that_were_left_out_are_named(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    logs, out = small_fleet(tmp_path / "logs", 2), tmp_path / "out"
+    (logs / "notes.txt").write_text(PROSE[0])
+    options = ("-i", "u", "-o", "y", "-p", 2, "--method", "fit", "--on", "threads:1", "--out", out)
+    code, said, err = call(capsys, "fleet", logs, *options)
+    assert (code, "2 rigs: 2 trusted" in said) == (0, True)
+    assert "left out, as it holds no rows of numbers: notes.txt" in err
+    assert rp.fleet.load(out).left_out == ("notes.txt",)
+    assert "texts left out: notes.txt" in (out / "report.html").read_text("utf-8")
 
 
 def test_a_link_to_itself_is_a_rig_that_fails(tmp_path: Path) -> None:

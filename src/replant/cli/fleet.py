@@ -20,6 +20,7 @@ from replant.fleet.job import METHODS, MODELS, TABLE, Shape, job_key, wanted
 from replant.fleet.odd_rigs import check_comparable, oddness_of
 from replant.fleet.page import MOST_REPORTS, write_page, write_reports
 from replant.fleet.store import FAILED
+from replant.logs.table import listed
 
 NAMED = 5  # odd rigs that the terminal names [count]
 
@@ -92,6 +93,9 @@ def fleet_command(method: str, on: str | None, compare: Path | None, out: Path, 
         page = write_page(found, before)
     if key_before and found.job is not None and key_before != found.job.key:
         note(f"{out}: held the results of other options, which these replace; name another folder (--out) to keep both")
+    if found.left_out:
+        these = _plain(listed(found.left_out))
+        note(f"left out, as {'it holds' if len(found.left_out) == 1 else 'they hold'} no rows of numbers: {these}")
     if set(found.verdicts) == {FAILED}:
         usual = _usual_failure(found)
         raise LogError(f"none of {len(found)} rigs could be identified; {usual.counted}the first: {usual.reason}")
@@ -127,8 +131,8 @@ def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
     odd = [(names[row], all_odd.words[row]) for row in all_odd.order.tolist() if all_odd.odd[row]]  # the farthest first
     if as_json:
         said = [{"rig": rig, "why": why} for rig, why in odd]
-        whole = {"rigs": len(found), "verdicts": verdicts, "odd": said, "folder": str(found.folder)}
-        click.echo(json.dumps(whole))
+        whole = {"rigs": len(found), "verdicts": verdicts, "odd": said, "left_out": found.left_out}
+        click.echo(json.dumps(whole | {"folder": str(found.folder)}))
         return
     click.echo(f"{len(found):,} rigs: " + ", ".join(f"{count:,} {verdict}" for verdict, count in verdicts.items()))
     if odd:

@@ -24,6 +24,7 @@ from replant.logs.arrow import SUFFIXES, open_parquet
 from replant.logs.file_formats import SUFFIXES as PACKED
 from replant.logs.parser_process import FORMATS
 from replant.logs.table import listed
+from replant.logs.text_layout import is_prose
 from replant.numerics.arguments import instance, text
 from replant.numerics.operating_system import reason_of
 
@@ -116,16 +117,26 @@ FILE, FOLDER = "file", "folder"
 HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"  # the value of hive folders for a missing value
 NOBODY = "{}: the folder {}= has no value, and its rows belong to no rig"
 SHOWN = 200  # most characters of a missing path in a message [characters]
+NOTES = ".txt"  # the suffix that logs share with notes
 _MAGIC = frozenset("*?[")
 
 
-def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = None) -> list[Rig]:
-    """Return the rigs of a folder of logs, sorted by name."""
+def find_rigs(
+    logs: str | os.PathLike[str],
+    by: str,
+    leave_out: Path | None = None,
+    no_log: Callable[[str], None] = lambda name: None,
+) -> list[Rig]:
+    """Return the rigs of a folder of logs, sorted by name; ``no_log`` gets the names of texts that are no logs."""
     if not text("by", by).strip():
         raise InvalidArgumentError("by is empty; it must be file, folder, or the name of a column (by, --by)")
     if not os.fspath(instance("logs", logs, str, os.PathLike)):
         raise InvalidArgumentError("logs is empty; name a file, a folder or a pattern")
-    pieces = _pieces(logs, leave_out)
+    found = _pieces(logs, leave_out)
+    notes = [] if Path(logs).is_file() else [piece for piece in found if _is_note(piece)]
+    for note in notes:
+        no_log(note.name)
+    pieces = [piece for piece in found if piece not in notes]
     if not pieces:
         known = " ".join(FORMATS)
         raise LogError(f"{logs}: no log in it; a log is one of {known}, perhaps with {' '.join(PACKED)}")
@@ -147,6 +158,11 @@ def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = No
     for name, piece in named + rigs_in_columns(inside, by):
         grouped[name].append(piece)
     return [Rig(name, tuple(sorted(of, key=lambda piece: piece.name))) for name, of in sorted(grouped.items())]
+
+
+def _is_note(piece: Piece) -> bool:
+    """Return whether a file is a text without rows of numbers, such as notes.txt beside the logs."""
+    return not piece.problem and Path(piece.path).suffix.lower() == NOTES and is_prose(Path(piece.path))
 
 
 def is_parquet(piece: Piece) -> bool:

@@ -188,6 +188,8 @@ class Fleet:
         The identified logs, and what names their rigs.
     job : Job or None
         The options of the identification; None for loaded results.
+    left_out : tuple of str
+        Texts among the logs that hold no rows of numbers, such as notes.
     """
 
     folder: Path
@@ -197,6 +199,7 @@ class Fleet:
     logs: str = ""
     by: str = ""
     job: Job | None = None
+    left_out: tuple[str, ...] = ()
 
     @property
     def shape(self) -> Shape:
@@ -272,9 +275,10 @@ def load(folder: str | Path) -> Fleet:
         structure = tuple(Structure(**each) for each in shapes) if several else Structure(**shapes)
         entered = tuple(map(str, entered)) if several else str(entered)
         given, logs, by = (str(about[name]) for name in ("output_name", "logs", "by"))
+        left_out = tuple(map(str, about.get("left_out", ())))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise LogError(f"{folder}: no results of `replant fleet` there ({ABOUT} cannot be read)") from error
-    return Fleet(Path(folder), structure, entered, given, logs, by)
+    return Fleet(Path(folder), structure, entered, given, logs, by, left_out=left_out)
 
 
 AnyPath = str | os.PathLike[str]
@@ -327,14 +331,15 @@ def fit(
     job = Job(columns, output, asked, method, r, time, dt, begin, end, input_map, optimizer)  # type: ignore[arg-type]
     logs = file_path("logs", logs)
     folder = Path(tempfile.mkdtemp(prefix="replant-fleet-") if out is None else file_path("out", out))
-    rigs = find_rigs(logs, by, leave_out=folder)
+    left_out: list[str] = []
+    rigs = find_rigs(logs, by, leave_out=folder, no_log=left_out.append)
     store = Store(folder, job)
     with store.alone():
         missing = store.missing(rigs)
         store.forget_reports(missing)
         _identify_all(store, missing, len(rigs), executor, progress or (lambda state: None))
         names = tuple(map(str, columns)) if isinstance(columns, tuple) else str(columns)
-        fleet = Fleet(folder, job.structure, names, str(output), os.fspath(logs), by, job)
+        fleet = Fleet(folder, job.structure, names, str(output), os.fspath(logs), by, job, tuple(left_out))
         if out is None:
             weakref.finalize(fleet, shutil.rmtree, folder, ignore_errors=True)
         store.merge(_about(fleet, job))
@@ -366,5 +371,5 @@ def _about(fleet: Fleet, job: Job) -> dict[str, Any]:
     return {
         "structure": structures if job.several else structures[0], "input_name": fleet.input_name,
         "output_name": fleet.output_name, "logs": fleet.logs, "by": fleet.by, "method": job.method,
-        "job": job.key,
+        "job": job.key, "left_out": fleet.left_out,
     }  # fmt: skip

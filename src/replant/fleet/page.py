@@ -22,6 +22,7 @@ from replant.fleet.odd_rigs import Drift, Oddness, drift_between, oddness_of
 from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column, verdicts_of
 from replant.fleet.worker import opened, result_of
+from replant.logs.table import listed
 from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number, rounded
 from replant.report.matrix_page import Output, write_rows
@@ -129,7 +130,8 @@ def _lede(fleet: Fleet, table: Any) -> str:
         zeros = f", {s.zeros} zero{'s' if s.zeros > 1 else ''}" if s.zeros else ""
         poles = f"{s.poles} pole{'s' if s.poles > 1 else ''}{zeros}"
         each.append(f"{name or fleet.input_name} → {fleet.output_name}, {poles}")
-    return f"{'; '.join(each)}; {table.num_rows:,} rigs by {fleet.by}, {samples:,} samples"
+    told = f"{'; '.join(each)}; {table.num_rows:,} rigs by {fleet.by}, {samples:,} samples"
+    return f"{told}; texts left out: {listed(fleet.left_out)}" if fleet.left_out else told
 
 
 def _verdicts(counts: dict[str, int]) -> str:

@@ -201,6 +201,22 @@ def _sample(path: Path, encoding: str) -> tuple[tuple[int, str], list[tuple[int,
     return comment, rows
 
 
+def is_prose(path: Path) -> bool:
+    """Return whether a text has lines, but no row with a number in a cell of its own: a note, not a log."""
+    try:
+        _, rows = _sample(path, _encoding(path))
+    except (LogError, OSError):  # to be said by who reads it
+        return False
+    # one line may be the header of a log that nothing was recorded into
+    return len(rows) > 1 and not any(_has_numbers(line, delimiter) for _, line in rows for delimiter in DELIMITERS)
+
+
+def _has_numbers(line: str, delimiter: str | None) -> bool:
+    """Return whether a row has a number among its cells; two where blanks delimit them, as a sentence may hold one."""
+    cells = split_or_none(line, delimiter) or []
+    return sum(bool(cell) and is_number(cell, delimiter) for cell in cells) > (delimiter is None)
+
+
 def _encoding(path: Path) -> str:
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
