@@ -85,3 +85,14 @@ def test_the_time_between_two_logs_is_no_part_of_their_record(capsys, steps: lis
     steps[1].write_text("\n".join([*lines[:40], *lines[43:]]) + "\n")  # three rows are lost
     _, said, _ = call(capsys, "fit", *steps[:2], *arguments)
     assert "Clock    irregular: 1 to 4 s between samples, usually 1 s" in said
+
+
+def test_neither_json_nor_report_speak_of_a_clock_across_logs(capsys, steps: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = ("-i", "u", "-o", "y", "-p", 1, "--delay", 3, "--json", "--out", out)
+    _, said, _ = call(capsys, "fit", *steps[:2], *arguments)
+    assert json.loads(said)["clock"] == {"irregular": False, "shortest": None, "longest": None}
+    page = (out / "report.html").read_text("utf-8")
+    assert "240 samples, 240 s of 2 logs at 1 s" in page
+    assert "clock is irregular" not in page
+    assert "up to sample " in page

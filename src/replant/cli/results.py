@@ -28,6 +28,7 @@ from replant.fitting.search_result import SearchResult
 from replant.fitting.several_outputs import MatrixModel
 from replant.fitting.validation import Validation
 from replant.logs import Log, read_columns
+from replant.logs.log import logs_in
 from replant.logs.recording import digest
 from replant.logs.sampling_time import time_columns
 from replant.model.interop import without_unit
@@ -166,17 +167,17 @@ CONDITIONED = "# options of the command change the log first: repeat the command
 
 
 def deliver(
-    to: Delivery, result: Result, log: Log, *, tried: SearchResult | None = None, more: dict[str, Any],
-    logs: Sequence[Log] = (), **report: Any,
-) -> None:  # fmt: skip
+    to: Delivery, result: Result, log: Log, *, tried: SearchResult | None = None, more: dict[str, Any], **report: Any
+) -> None:
     """Print a result, write its plots and its report, save and validate its model.
 
     ``tried`` are structures among which it was chosen, ``more`` goes into its JSON and ``report`` onto its page.
-    ``logs``: the logs that ``log`` joins; the time between them is no part of the record.
     """
     result = dataclasses.replace(result, model=kept(result.model, log))
     validations = to.validated(result.model)
-    step = None
+    logs, step = logs_in(log), None
+    # the time between logs is no interval of a clock
+    clocks = [] if len(logs) == 1 else [Clock.of(each.dt, each.stamps) for each in logs]
     if not (is_given("quiet") or validations):
         if to.saved is not None and result.verdict.status == "trusted":
             command = shlex.join(["replant", "validate", typed_path(to.saved), OTHER_LOG])
@@ -186,13 +187,11 @@ def deliver(
             step = next_step(result, log, path, is_searched=tried is not None)
     if to.as_json:
         structures = {} if tried is None else {"candidates": as_text.candidates_as_json(tried)}
-        echo_json(as_text.as_json(result) | structures | more, validations)
+        echo_json(as_text.as_json(result, clocks) | structures | more, validations)
     else:
         if tried is not None:
             as_text.print_candidates(terminal(), tried)
-        parts, clocks = logs or [log], [Clock.of(each.dt, each.stamps) for each in logs]
-        samples, seconds = len(log) - log.rest, sum(each.duration for each in parts)
-        record = as_text.record_line(samples, log.dt, seconds, len(parts))
+        record = as_text.record_line(len(log) - log.rest, log.dt, log.duration, len(logs))
         lead = "" if step is None else step.words
         as_text.print_result(terminal(), result, record=record, lead=lead, clocks=clocks)
         if result.settings is not None:

@@ -32,6 +32,7 @@ from replant.fitting.several_outputs import MatrixFit, without_outputs
 from replant.fitting.structure_search import as_row, search
 from replant.fitting.validation import Validation
 from replant.logs import Log
+from replant.logs.log import JoinedLog
 from replant.logs.recording import digest
 from replant.model.structure import Structure
 from replant.online.bank_weights import MOST
@@ -170,7 +171,7 @@ def fit_command(**options: Any) -> None:
     log = as_one(logs)
     result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
     results.deliver(
-        to, result, log, tried=tried, more={}, logs=logs if len(logs) > 1 else (),
+        to, result, log, tried=tried, more={},
         filter=fitted.fixed_filter, preprocess=fitted.preprocess, python=fit_as_python(fitted, logs),
     )  # fmt: skip
 
@@ -305,9 +306,9 @@ def as_one(logs: list[Log]) -> Log:
     if len(logs) == 1:
         return logs[0]
     all_of = Samples.of_several(logs)
-    return Log(
+    return JoinedLog(
         all_of.u, all_of.y, all_of.dt, all_of.t, all_of.input_name, all_of.output_name, Path(all_of.source),
         reference=all_of.reference, reference_name=all_of.reference_name, irregular=True, input_hold=all_of.input_hold,
         others=all_of.others, more_inputs=all_of.more_inputs, more_references=all_of.more_references, rest=all_of.rest,
-        withheld=all_of.added - all_of.rest,
+        withheld=all_of.added - all_of.rest, logs=tuple(logs),
     )  # fmt: skip

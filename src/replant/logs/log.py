@@ -245,6 +245,23 @@ class Log:
         return signals, unused(self.others, self.more_inputs, self.more_references), self.time, about
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class JoinedLog(Log):
+    """Several logs as one, for figures and pages: the time between two of them is no part of the record."""
+
+    logs: tuple[Log, ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """Duration of all logs in s, without the time between them."""
+        return sum(log.duration for log in self.logs)
+
+
+def logs_in(log: Log) -> tuple[Log, ...]:
+    """Return the logs that a log joins; a single one by itself."""
+    return log.logs if isinstance(log, JoinedLog) else (log,)
+
+
 def changed(
     log: Log, change: Callable[[NDArray[np.float64]], NDArray[np.float64]], output: NDArray[np.float64], **others: Any
 ) -> Log:

@@ -15,7 +15,7 @@ from replant.errors import ReplantError
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.solver.least_squares import regressors
 from replant.fitting.model import Model
-from replant.logs.log import Log
+from replant.logs.log import Log, logs_in
 from replant.logs.recording import digest
 from replant.model.interop import unit_of
 from replant.model.noise import NoiseModel
@@ -198,7 +198,7 @@ def of_record(log: Log, *others: Log) -> list[tuple[str, str]]:
     """Return facts about a record, as terms and descriptions; ``others`` have its further outputs."""
     return [
         ("file", log.path.name or "none: the record is simulated"),
-        ("SHA-256", digest(log.path) or "none: there is no file"),
+        ("SHA-256", ", ".join(filter(None, (digest(each.path) for each in logs_in(log)))) or "none: there is no file"),
         ("input, output", ", ".join([*log.input_names, *(each.output_name for each in (log, *others))])),
         *([("reference", ", ".join(log.reference_names))] if log.reference_name else []),
         ("record", f"{len(log):,} samples, {lasts(log)}"),
@@ -207,8 +207,9 @@ def of_record(log: Log, *others: Log) -> list[tuple[str, str]]:
 
 def lasts(log: Log) -> str:
     """Return the duration of a record and its sampling time as text."""
-    clock = "at" if log.stamps is None else "on an irregular clock, usually at"
-    return f"{duration(log.duration)} {clock} {number(log.dt, 6)} s"
+    logs = logs_in(log)
+    clock = "on an irregular clock, usually at" if any(each.stamps is not None for each in logs) else "at"
+    return f"{duration(log.duration)}{f' of {len(logs)} logs' if len(logs) > 1 else ''} {clock} {number(log.dt, 6)} s"
 
 
 def versions() -> str:
@@ -233,7 +234,9 @@ def captions(material: Material) -> dict[str, str]:
     bands = " with bands of two standard deviations" if known else ""
     gain = f"{number(model.dc_gain)} {gain_unit(material.plant_label, log.output_name)}".strip()
     clock = ""  # a remark on figures that need a regular clock
-    if material.clock.irregular:
+    if len(logs_in(log)) > 1:
+        clock = f" Samples are taken as {number(log.dt, 4)} s apart, and lost ones and those between logs as unknown."
+    elif material.clock.irregular:
         apart = f"samples are taken as {number(log.dt, 4)} s apart, and lost ones as unknown"
         clock = f" The clock is irregular: {apart}."
     return {
@@ -287,11 +290,14 @@ def _of_excitation(material: Material) -> str:
     window = number(found.window * material.log.dt, 3)
     poorest = int(np.argmin(found.smallest))
     when = number(float(material.clock.after(found.samples[poorest])), 3)
-    windows = f"{found.window:,} samples" if material.clock.irregular else f"{window} s"
+    is_regular = not material.clock.irregular
+    windows = f"{window} s" if is_regular else f"{found.window:,} samples"
+    # the clock of several logs counts the time between them
+    place = f"{when} s" if len(logs_in(material.log)) == 1 else f"sample {found.samples[poorest] + 1:,}"
     return (
         f"Excitation in windows of {windows}: the smallest eigenvalue of the scaled information matrix is at most "
         f"{number(float(found.smallest.max()), 2)} and at least {number(float(found.smallest[poorest]), 2)}, in the "
-        f"window up to {when} s. Where it is small, the input does not excite every parameter."
+        f"window up to {place}. Where it is small, the input does not excite every parameter."
     )
 
 

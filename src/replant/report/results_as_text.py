@@ -38,13 +38,22 @@ from replant.verdict.verdict import percent as share
 INDENT = 9  # width of a heading; the text after it is indented by this [columns]
 
 
-def as_json(result: Result) -> dict[str, Any]:
-    """Return the JSON object of `run` and `fit`: the model's, with the elapsed time and the clock if known."""
+def as_json(result: Result, clocks: Sequence[Clock] = ()) -> dict[str, Any]:
+    """Return the JSON object of `run` and `fit`: the model's, with the elapsed time and the clock if known.
+
+    ``clocks``: those of several logs.
+    """
     found = model_json.as_object(result.model) | {"elapsed_seconds": round(result.elapsed, 3)}
-    if result.clock is not None:
-        shortest, longest = map(finite, (result.clock.shortest, result.clock.longest))
-        found["clock"] = {"irregular": result.clock.irregular, "shortest": shortest, "longest": longest}
+    if every := clocks or ([] if result.clock is None else [result.clock]):
+        irregular = [clock for clock in every if clock.irregular]
+        shortest, longest = intervals_of(irregular) if irregular else (math.nan, math.nan)
+        found["clock"] = {"irregular": bool(irregular), "shortest": finite(shortest), "longest": finite(longest)}
     return found
+
+
+def intervals_of(irregular: Sequence[Clock]) -> tuple[float, float]:
+    """Return the shortest and the longest interval of irregular clocks in s."""
+    return min(each.shortest for each in irregular), max(each.longest for each in irregular)
 
 
 def record_line(samples: int, dt: float, seconds: float, logs: int = 1) -> str:
@@ -57,7 +66,7 @@ def clock_line(clocks: Sequence[Clock]) -> str:
     irregular = [clock for clock in clocks if clock.irregular]
     if not irregular:
         return ""
-    shortest, longest = min(each.shortest for each in irregular), max(each.longest for each in irregular)
+    shortest, longest = intervals_of(irregular)
     count = sum(len(each.gaps) for each in irregular)
     gaps = f"; {count:,} gap{'s' if count > 1 else ''}" if count else ""
     usual = f"usually {irregular[0].dt:.4g} s"
