@@ -177,10 +177,12 @@ def test_run_and_search_take_the_same_table() -> None:
     ],
 )
 def test_what_takes_no_table_says_what_makes_a_log_of_it(call: Any) -> None:
-    for table in (TABLE, TABLE[["t", "u"]], pyarrow.Table.from_pandas(TABLE[["u", "y"]])):
+    stamped = TABLE.rename(columns={"t": "timestamp"})
+    for table in (TABLE, TABLE[["t", "u"]], stamped, pyarrow.Table.from_pandas(TABLE[["u", "y"]])):
         with pytest.raises((rp.ArgumentTypeError, rp.InvalidArgumentError)) as caught:
             call(table)
         assert "got a table: rp.read_log(table, input=..., output=...) makes a Log of it" in str(caught.value)
+        assert "timestamp()" not in str(caught.value)
     model = rp.Model(rp.Structure(1), [1.0, 2.0], DT)
     assert model.validate(rp.read_log(TABLE, input="u", output="y")).samples == 600
 

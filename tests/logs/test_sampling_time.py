@@ -193,6 +193,13 @@ DISORDERED = {
         )
         for period in (3, 5, 10, 50)
     },
+    **{
+        f"within the {lap}": (
+            "t,u,y\n" + "".join(f"{step * (k + 7) % length},{k % 7},{k % 3}\n" for k in range(300)),
+            rf"the time stamp \d+ goes back .*; the clock begins anew after one {lap}: if it counts within the {lap}",
+        )
+        for step, length, lap in ((1, 60, "minute"), (60, 3600, "hour"), (600, 86400, "day"))
+    },
     "too coarse for rows that are alike": (
         "t,u,y\n" + "".join(f"{k // 3},{k // 30},{k // 4}\n" for k in range(60)),
         "line 3, column 't': the time stamp 0 repeats the one before",

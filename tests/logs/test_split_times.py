@@ -10,6 +10,7 @@ from replant.fitting.log_inspection import inspect, options_of
 from replant.logs import open_recording, read_log
 from replant.logs.file_formats import read_columns
 from replant.logs.recording import joined
+from replant.report.log_as_text import looks_like
 
 SECOND = 1_700_000_000
 NAMES = [
@@ -99,3 +100,28 @@ def test_two_whole_clocks_in_different_units_stay_two_columns(tmp_path: Path) ->
     np.testing.assert_allclose(table.column("x_s"), t)
     np.testing.assert_allclose(table.column("x_ms"), 1000 * t)
     assert not table.parts
+
+
+@pytest.mark.parametrize("rows", [150, 2000])  # the seconds begin anew within the rows that are looked at first
+def test_seconds_of_a_minute_are_no_clock_and_this_is_said(tmp_path: Path, rows: int) -> None:
+    ticks = [10**9 * 37 + 25_000_000 * rows + 200_000_000 * k for k in range(rows)]
+    file = _write(tmp_path / "log.csv", ("sec", "nanosec"), 10**9, [tick % (60 * 10**9) for tick in ticks])
+    with pytest.raises(LogError, match=r"line \d+, column 'sec': .* goes back from .* anew after one minute: .*\(dt"):
+        read_log(file, input="cmd", output="vel")
+    assert read_log(file, input="cmd", output="vel", dt=0.2).dt == 0.2
+    found = inspect(file)
+    assert found.clock is not None
+    assert (found.clock.dt, "anew after one minute" in found.clock.problem) == (0.2, True)
+
+
+def test_a_part_of_a_time_is_called_one(tmp_path: Path) -> None:
+    file = _write(tmp_path / "log.csv", ("stamp.sec", "stamp.nanosec"), 10**9, _ticks())
+    found = inspect(file)
+    roles = {column.name: (column.kind.value, looks_like(column, found)) for column in found.contents.columns}
+    assert roles["stamp.sec"] == ("real", "time")
+    assert roles["stamp.nanosec"] == ("part", "part of a time")
+
+
+def test_two_columns_that_stand_still_are_no_clock(tmp_path: Path) -> None:
+    file = _write(tmp_path / "log.csv", ("sec", "nanosec"), 10**9, [5 * 10**9] * 50)
+    assert not read_columns(file).in_seconds

@@ -29,6 +29,7 @@ class Kind(Enum):
     CONSTANT = "constant"
     EMPTY = "empty"
     TEXT = "text"
+    PART = "part"  # of the stamps in another column, as the nanoseconds beside the seconds
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Column:
     step: float = np.nan  # the smallest difference of two different values; NaN if all are equal
     quantised: bool = False  # whether all values lie on a grid of this step, with at most `MOST_STEPS` steps
     held: float = 0.0  # part of the rows that repeat the previous value
-    problem: str = ""  # why a text column cannot be read as numbers; empty for other columns
+    problem: str = ""  # why a column of text, or a part of stamps, cannot be read as numbers; empty for other columns
 
     @property
     def is_signal(self) -> bool:
@@ -115,13 +116,19 @@ def read_contents(table: Table) -> Contents:
             raise problems[len(names) - 1] from None
     rows = max((min(column.size, most) for column in values.values()), default=0)
     columns = [
-        Column(number, name, Kind.TEXT, rows, rows, problem=str(problems[number]).removeprefix(f"{table.path}: "))
+        _unread(table, number, rows, problems[number])
         if number in problems
         else describe(number, name, values[number][:most])
         for number, name in enumerate(names)
     ]
     whole = all(column.size <= most for column in values.values())
     return Contents(tuple(columns), {number: column[:most] for number, column in values.items()}, whole)
+
+
+def _unread(table: Table, number: int, rows: int, problem: ReplantError) -> Column:
+    """Describe a column that cannot be read as numbers."""
+    kind = Kind.PART if number in table.parts else Kind.TEXT
+    return Column(number, table.names[number], kind, rows, rows, problem=str(problem).removeprefix(f"{table.path}: "))
 
 
 GAP = 1.5  # shortest interval of a steady clock that is a gap [usual intervals]

@@ -38,6 +38,11 @@ _ENDLESS = 1e300  # magnitude of a stamp beyond which the difference of two may 
 _REMEDY = "drop that row, or give the sampling time (dt, --dt) instead of a time column"
 # a smaller step back is only a stamp out of order
 ANEW = 10.0  # step back that is a restart of the clock [usual intervals]
+_LAPS = {60.0: "minute", 3600.0: "hour", 86400.0: "day"}  # after which a clock that counts within them begins anew [s]
+_WITHIN = (
+    "the clock begins anew after one {0}: if it counts within the {0}, give the sampling time (dt, --dt) instead; if "
+    "another recording begins here, cut the file there and give both parts"
+)
 _BEGINS_ANEW = (
     "the clock begins anew: if another recording begins here, cut the file there and give both parts; if the same one "
     "goes on, give the sampling time (dt, --dt)"
@@ -85,13 +90,13 @@ def _is_clock(table: Table, number: int) -> bool:
     with np.errstate(invalid="ignore", over="ignore"):
         changes = np.diff(values)
     rising = changes[changes > 0.0]
-    if not rising.size or not _mostly_rise(changes):
+    if not rising.size or not mostly_rise(changes):
         return False
     usual = float(np.median(rising))
     return bool(np.mean((rising >= usual / UNEVEN) & (rising <= usual * UNEVEN)) >= MOSTLY)
 
 
-def _mostly_rise(steps: FloatArray) -> bool:
+def mostly_rise(steps: FloatArray) -> bool:
     """Return whether few of the steps other than 0 go back."""
     rising, falling = np.count_nonzero(steps > 0.0), np.count_nonzero(steps < 0.0)
     return bool(rising >= MOSTLY * (rising + falling))
@@ -102,7 +107,7 @@ def is_shuffled(stamps: FloatArray) -> bool:
     stamps = stamps[np.isfinite(stamps)]
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(stamps)
-    if _mostly_rise(steps) or not (steps > 0.0).any():
+    if mostly_rise(steps) or not (steps > 0.0).any():
         return False
     # sorted by a clock that restarts again and again, parts would interleave
     are_unique = np.unique(stamps).size >= MOSTLY * stamps.size
@@ -202,13 +207,22 @@ def _check_increasing(table: Table, number: int, stamps: FloatArray, first: int)
         elif is_shuffled(stamps):
             back = f"{np.count_nonzero(steps < 0.0):,} of {stamps.size:,}"
             remedy = f"the time goes back in {back} rows: sort the rows by time"
+        elif lap := _lap(table, number, steps, row - 1):
+            remedy = _WITHIN.format(lap)
         elif not steps.any():
             remedy = "all stamps are equal: give the sampling time (dt, --dt) instead of a time column"
-        elif -steps[row - 1] > ANEW * float(np.median(np.abs(steps))) or not _mostly_rise(steps):
+        elif -steps[row - 1] > ANEW * float(np.median(np.abs(steps))) or not mostly_rise(steps):
             remedy = _BEGINS_ANEW
     else:
         return
     raise table.error(number, f": the time stamp {what}; {remedy}", first + row)
+
+
+def _lap(table: Table, number: int, steps: FloatArray, at: int) -> str:
+    """Return what a clock counts within, if a step back is as long as that, but for the usual step; else empty."""
+    unit = 1.0 if number in table.in_seconds else unit_in_seconds(table.names[number])
+    usual = float(np.median(steps))
+    return next((lap for length, lap in _LAPS.items() if abs(usual - steps[at] - length / unit) <= usual), "")
 
 
 LATEST = 1e11  # largest plausible stamp: in seconds since 1970 it is the year 5138 [s]

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from replant.errors import LogError
-from replant.logs.sampling_time import UNITS
+from replant.logs.sampling_time import UNITS, mostly_rise
 from replant.logs.table import Arrays, Table
 from replant.numerics.arguments import FloatArray
 
@@ -65,7 +65,10 @@ def _pairs(names: Sequence[str]) -> Iterator[tuple[int, int, float]]:
 
 
 def _origin(table: Table, seconds: int, rest: int, unit: float) -> float | None:
-    """Return the first whole second; None if the columns are not whole seconds and a rest below one, that advance."""
+    """Return the first whole second; None if the columns are not whole seconds and a rest below one, that advance.
+
+    They may begin anew, as the seconds of a minute do: who reads them as a time says so, with the line.
+    """
     try:
         whole, further = table.head([seconds, rest], _ROWS)
     except LogError:  # they hold no numbers
@@ -74,7 +77,7 @@ def _origin(table: Table, seconds: int, rest: int, unit: float) -> float | None:
     whole, further = whole[known], further[known] * unit
     is_split = whole.size and (whole == np.rint(whole)).all() and ((further >= 0.0) & (further < 1.0)).all()
     steps = np.diff(whole + further)
-    return float(whole[0]) if is_split and steps.size and steps.min() >= 0.0 and steps.max() > 0.0 else None
+    return float(whole[0]) if is_split and (steps > 0.0).any() and mostly_rise(steps) else None
 
 
 def _sum(seconds: FloatArray, rest: FloatArray, unit: float, origin: float) -> FloatArray:

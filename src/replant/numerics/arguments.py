@@ -218,5 +218,6 @@ def _seconds(name: str, value: Any) -> str:
         return f": seconds are ({name} - {name}[0]) / np.timedelta64(1, 's')"
     if isinstance(value, np.timedelta64):
         return f": seconds are {name} / np.timedelta64(1, 's')"
-    found = next((method for method in ("timestamp", "total_seconds") if hasattr(value, method)), "")
+    # a table with a column of that name has it as an attribute, too
+    found = next((each for each in ("timestamp", "total_seconds") if callable(getattr(value, each, None))), "")
     return f": {found}() gives the seconds" if found else ""

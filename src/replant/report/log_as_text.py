@@ -95,7 +95,9 @@ def _column(column: Column, found: Inspection) -> dict[str, Any]:
 
 
 def looks_like(column: Column, found: Inspection) -> str:
-    """Return the role of a column: time, input, output, reference, or empty."""
+    """Return the role of a column: time, part of a time, input, output, reference, or empty."""
+    if column.kind is Kind.PART:
+        return "part of a time"
     if found.clock is not None and column == found.clock.column:
         return "time"
     return next((name for name, role in _roles(found).items() if role.column == column), "")
@@ -144,7 +146,7 @@ def _lines_of_table(found: Inspection) -> list[str]:
     rows = [HEADINGS]
     for column in found.record[:LISTED]:
         low, high = (NOTHING if math.isnan(value) else f"{value:.6g}" for value in (column.low, column.high))
-        missing = NOTHING if column.kind is Kind.TEXT else f"{column.missing:,}"
+        missing = NOTHING if column.problem else f"{column.missing:,}"
         role = looks_like(column, found)
         rows.append((column.name, column.kind.value, low, high, missing, _resolution(column), role))
     widths = [max(len(cell) for cell in cells) for cells in zip(*rows, strict=True)]
@@ -175,7 +177,7 @@ def _other_columns(found: Inspection) -> Iterator[str]:
         more = f", ... ({len(others) - FEW} more)" if len(others) > FEW else ""
         yield f"Of other lengths: {shown}{more}"
     for column in [column for column in found.record if column.problem][:FEW]:
-        yield f"Not numbers: {column.problem}"
+        yield f"{'Part of a time' if column.kind is Kind.PART else 'Not numbers'}: {column.problem}"
 
 
 def findings_of(found: Inspection) -> Iterator[tuple[str, str]]:

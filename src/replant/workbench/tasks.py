@@ -30,7 +30,6 @@ from replant.fitting.model import Model
 from replant.fitting.model_json import finite
 from replant.fitting.validation import Validation
 from replant.logs import open_recording
-from replant.logs.columns import Kind
 from replant.logs.conditioning import STEPS
 from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray
@@ -54,7 +53,7 @@ def look(path: str, chosen: tuple[str, str, str]) -> dict[str, Any]:
     told = as_json(found)
     for shown, given in zip(told["columns"], found.contents.columns, strict=True):
         shown["key"] = key_of(found.table, given) if given.name else str(given.number)
-        shown["in_record"] = given in found.record and given.kind is not Kind.TEXT
+        shown["in_record"] = given in found.record and not given.problem
     clock = found.clock
     column = None if clock is None or math.isnan(clock.dt) else clock.column
     told["clock_number"] = None if column is None else column.number
