@@ -224,3 +224,19 @@ def test_stretches_may_be_arrays(stretches) -> None:
     assert np.flatnonzero(np.isnan(left.output)).tolist() == [2]
     kept = leave_out(Log(np.zeros(10), np.zeros(10), 0.5), use=stretches)
     assert np.flatnonzero(np.isfinite(kept.output)).tolist() == [2]
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+@pytest.mark.parametrize(("begin", "rest"), [(None, 0), (7.0, 0), (None, 57), (7.0, 230)])
+def test_stretches_count_from_the_first_row_of_the_file_after_decimation(
+    stamped: bool, begin: float | None, rest: int
+) -> None:
+    """The output is the time in the file, which filter and decimation keep: the stretch has its outputs, no others."""
+    dt = 0.1
+    y = (begin or 0.0) + dt * np.arange(-rest, 1200)
+    log = log_of(np.ones(y.size), y, dt, 500.0 + y if stamped else None, begin=begin, rest=rest)
+    thinned = decimate(log, 5)
+    cut = leave_out(thinned, [(30.0, 45.25)])
+    was = thinned.output[: cut.output.size]
+    np.testing.assert_array_equal(np.isnan(cut.output), (was > 30.0 - 1e-6) & (was < 45.25))
+    assert cut.withheld == np.isnan(cut.output).sum() > 0

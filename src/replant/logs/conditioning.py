@@ -283,9 +283,12 @@ def decimate(log: Log, factor: int) -> Log:
         return np.asarray((before + signal) / 2 if log.input_hold == "zoh" else signal)
 
     time = None if log.time is None else log.time[half : log.input.size - half : factor]
+    rest = len(range(half, log.rest, factor))
+    # so that stretches of time still count from the first row of the file
+    begin = (log.begin or 0.0) + (half + rest * factor - log.rest) * log.dt
     return changed(
         log, lambda signal: thinned(centred(signal)), thinned(log.output),
-        dt=log.dt * factor, time=time, input_hold="foh", rest=len(range(half, log.rest, factor)), withheld=0,
+        dt=log.dt * factor, time=time, input_hold="foh", rest=rest, withheld=0, begin=begin,
     )  # fmt: skip
 
 

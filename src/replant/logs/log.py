@@ -44,6 +44,7 @@ class Log:
         Name of that column.
     begin, end : float or None
         The part of the file that was read, in s from its first row; None: from the first row, or to the last.
+        `decimate` leaves out samples at the begin, and adds their time to ``begin``.
     irregular : bool or None
         Whether the clock is irregular, so that the time stamps are used; None: decided from `time`.
     input_hold : {"zoh", "foh"}
