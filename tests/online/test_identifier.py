@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import html
 import itertools
 import math
 import tracemalloc
@@ -44,6 +45,24 @@ def test_at_a_prompt_it_says_in_a_line_what_it_knows() -> None:
     u = np.where(np.arange(2000) // 125 % 2 == 0, 1.0, -1.0)
     ident.update_many(u, rp.TransferFunction([2.0], [1.0, 0.5], 0.1).simulate(u, dt=0.01))
     assert repr(ident).endswith(f"; 2,000 samples, running, {ident.transfer_function}>")
+
+
+def test_a_notebook_shows_what_the_first_model_waits_for() -> None:
+    ident = rp.Identifier(poles=2, zeros=1, dt=0.01)
+    assert "<p>2 poles and 1 zero; 0 of 500 outputs for the first model</p>" in ident._repr_html_()
+    ident.update_many([0.0, 1.0, 1.0], [math.nan, 0.0, 0.0])  # one without an output does not count
+    assert "; 2 of 500 outputs for the first model</p>" in ident._repr_html_()
+
+
+@pytest.mark.slow
+def test_a_notebook_shows_the_model() -> None:
+    ident = rp.Identifier(poles=2, zeros=1, dt=0.01)
+    u = np.where(np.arange(2000) // 125 % 2 == 0, 1.0, -1.0)
+    ident.update_many(u, rp.TransferFunction([1.0, 2.0], [1.0, 1.5, 0.5]).simulate(u, dt=0.01))
+    shown = ident._repr_html_()
+    assert "outputs for the first model" not in shown
+    assert html.escape(str(ident.transfer_function)) in shown
+    assert "<img src=" in shown
 
 
 # --- chunks of any size

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Sequence
 from inspect import Signature, signature
@@ -15,7 +16,7 @@ from replant.estimation.filters import Filter
 from replant.estimation.optimizers import Optimizer
 from replant.estimation.optimizers.optimizer import Replay
 from replant.estimation.settings import AUTO, NO_USE_OF_REFERENCE, STORED, Request, Scaling
-from replant.fitting.model import Model
+from replant.fitting.model import Model, with_picture
 from replant.kernels.native import OPEN
 from replant.kernels.schema import Attention
 from replant.model.interop import in_our_words
@@ -35,6 +36,7 @@ from replant.online.locking import Turn, changes, reads
 from replant.online.miso_identifier import RowIdentifier
 from replant.online.running_model import model_of
 from replant.online.second_process import start
+from replant.online.startup import measured
 from replant.online.trace import Later, StartingTrace, Trace, write
 
 NAN, INFINITE = math.nan, math.inf  # NaN and infinity, as module names for fast access at each sample [number]
@@ -388,6 +390,13 @@ class Identifier(Lifecycle):
         if not now.has_model:
             raise InvalidArgumentError(f"there is no model yet: {now.samples} samples are too few")
         return model_of(now)
+
+    def _repr_html_(self) -> str:
+        now, words = self._snapshot(), f"<p>{html.escape(repr(self))}</p>"
+        if now.has_model:
+            return words + with_picture(model_of(now))
+        outputs = f"{measured(now._state):,} of {now._hold:,} outputs for the first model"
+        return f"{words}<p>{html.escape(str(self.structure))}; {outputs}</p>"
 
     @reads
     def _snapshot(self) -> Identifier:
