@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+import html
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import replant as rp
 from replant.cli import main
+from replant.cli.conditioning_options import conditioned, conditioning_as_python, input_hold_of
 from replant.signals import prbs
 from support.cases import every
 
@@ -168,3 +173,50 @@ def test_the_rest_put_before_a_log_is_counted_nowhere(
     main([command, str(log), *OPTIONS[:-1], "--x0", "rest"])
     said = capsys.readouterr().out
     assert "Record   3,000 samples, dt 10 ms, 30 s\nSamples  3,000\n" in said
+
+
+CONDITIONS = [
+    {"decimate": 3, "detrend": True, "leave_out": ((12.0, 20.0),), "validate_on": ((30.0, float("inf")),)},
+    {"resample": 0.015, "x0": "rest"},
+    {"band": (None, 20.0), "use": ((0.0, 40.0),)},
+    {"band": (0.2, None)},
+    {"decimate": 2, "input_hold": "zoh"},
+    {"input_hold": "foh"},
+    {},
+]
+
+
+@every("options", CONDITIONS)
+def test_python_conditions_a_log_as_the_options_do(log: Path, options: dict[str, Any]) -> None:
+    read = rp.read_log(log, input="u", output="y")
+    expected = dataclasses.replace(conditioned(read, options), input_hold=input_hold_of(options))
+    found = read
+    for call in conditioning_as_python(options):
+        found = eval(call.format("log"), {"rp": rp, "dataclasses": dataclasses, "log": found})
+    for name in ("input", "output"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    for name in ("dt", "input_hold", "rest", "withheld"):
+        assert getattr(found, name) == getattr(expected, name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("command", "more"),
+    [
+        ("fit", ("--decimate", 5, "--leave-out", "12s:20s", "--time", "t")),
+        ("run", ("--decimate", 5, "--from", 3)),
+        ("fit", ("--input-hold", "foh", "--dt", DT)),
+        ("compare", ("--detrend", "--optimizer", "srivc")),
+    ],
+)
+def test_python_in_the_report_repeats_what_the_options_do(
+    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path, command: str, more: tuple[object, ...]
+) -> None:
+    answer, _ = model_of(capsys, command, log, "--out", tmp_path / "out", *more)
+    (answer,) = answer.values() if command == "compare" else [answer]  # type: ignore[assignment]
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    (program,) = re.findall(r'<pre class="python"[^>]*><code>(.*?)</code>', page, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(html.unescape(program).replace("print(", "repr("), names)
+    found = names["fitted"] if "fitted" in names else names["ident"]
+    np.testing.assert_allclose(found.parameters, values_of(answer), rtol=1e-5)

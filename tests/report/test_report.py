@@ -336,7 +336,7 @@ def test_commands_write_it_and_say_how_to_repeat_themselves(plain, tmp_path, cap
     page = Page((tmp_path / "out/report.html").read_text(encoding="utf-8"))
     assert f"replant {command} '{path}' --input 'voltage [V]' --output speed --poles 2 --zeros 1 --dt 0.05" in page.text
     assert ("ident = rp.Identifier(" in page.text) == (command == "run")
-    assert ("rp.fit( log.input" in page.text) == (command == "fit")
+    assert ("rp.fit( log, structure=rp.Structure(poles=2, zeros=1)" in page.text) == (command == "fit")
     assert "smallest eigenvalue" in page.text
     assert hashlib.sha256(path.read_bytes()).hexdigest() in page.text
     assert json.loads(capsys.readouterr().out)["samples"] == 1500

@@ -15,8 +15,9 @@ import numpy as np
 from replant.cli.messages import note
 from replant.cli.option_types import Choice, flag, group, parsed, real
 from replant.errors import InvalidArgumentError
-from replant.logs.conditioning import STEPS, from_rest, leave_out
+from replant.logs.conditioning import STEPS, Stretch, from_rest, leave_out
 from replant.logs.log import Log
+from replant.report.python_programs import changes_as_python
 
 
 def _band(text: str) -> tuple[float | None, float | None]:
@@ -92,15 +93,21 @@ stretch_options = group(
 
 def stretched(log: Log, options: dict[str, Any]) -> Log:
     """Return a log up to the last output that the options leave in, and without those that they leave out."""
-    use, *others = ([_ends(each) for each in options.get(name) or ()] for name in STRETCHES)
+    left_out, use = _stretches(options)
     with _named("--use, --leave-out, --validate-on"):
-        left = leave_out(log, [*chain.from_iterable(others)], use=use)
+        left = leave_out(log, left_out, use=use)
     count = np.isfinite(log.output).sum() - np.isfinite(left.output).sum()
     note(f"{count:,} of {log.output.size:,} outputs are left out by --use, --leave-out or --validate-on")
     return left
 
 
-def _ends(stretch: tuple[float, float]) -> tuple[float, float | None]:
+def _stretches(options: dict[str, Any]) -> tuple[list[Stretch], list[Stretch]]:
+    """Return the stretches of time that are left out, and those that are used."""
+    use, *others = ([_ends(each) for each in options.get(name) or ()] for name in STRETCHES)
+    return [*chain.from_iterable(others)], use
+
+
+def _ends(stretch: tuple[float, float]) -> Stretch:
     begin, end = stretch
     return begin, end if math.isfinite(end) else None
 
@@ -146,6 +153,18 @@ condition_options = group(
 def is_conditioned(options: dict[str, Any]) -> bool:
     """Return whether the options change the samples, so that the whole log must be in memory."""
     return bool(_steps(options)) or any(map(options.get, STRETCHES)) or options.get("x0") == REST
+
+
+def conditioning_as_python(options: dict[str, Any]) -> list[str]:
+    """Return the calls that condition a log as the options do, see `changes_as_python`."""
+    calls = changes_as_python(_steps(options), *_stretches(options), at_rest=options.get("x0") == REST)
+    hold = input_hold_of(options)
+    # decimated samples have the other one
+    return (
+        calls
+        if (hold == "foh") is bool(options.get("decimate"))
+        else [*calls, f"dataclasses.replace({{}}, input_hold={hold!r})"]
+    )
 
 
 def _steps(options: dict[str, Any]) -> dict[str, Any]:

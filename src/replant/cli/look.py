@@ -13,7 +13,15 @@ import click
 from replant.cli import results
 from replant.cli.messages import note, progress_bar, terminal
 from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option, real
-from replant.cli.run_fit_compare_options import begin, check_said, compare_options, read, request_of, structure_of
+from replant.cli.run_fit_compare_options import (
+    begin,
+    check_said,
+    compare_options,
+    opened_as_python,
+    read,
+    request_of,
+    structure_of,
+)
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.examples import NAMES, path_of
 from replant.fitting.log_inspection import inspect
@@ -257,5 +265,6 @@ def compare_command(methods: tuple[str, ...], **options: Any) -> None:
 
         with results.write_errors_reported(out):
             paths = save_figures(out, contenders, log, request.preprocess)
-            paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
+            told = command_line(), opened_as_python(options)
+            paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, *told))
         results.print_written([] if options["as_json"] else paths)

@@ -16,7 +16,7 @@ from typing import Any
 import click
 
 from replant.cli.advice import OTHER_LOG, NextStep, next_step
-from replant.cli.conditioning_options import STRETCHES, is_conditioned
+from replant.cli.conditioning_options import STRETCHES
 from replant.cli.messages import is_given, note, terminal
 from replant.cli.option_types import Choice, command_line, group, path_option
 from replant.cli.run_fit_compare_options import read
@@ -163,9 +163,6 @@ def kept(model: Model, log: Log) -> Model:
     return model.of_log(log.input_name, log.output_name, log.path.name, digest(log.path))
 
 
-CONDITIONED = "# options of the command change the log first: repeat the command in the shell"
-
-
 def deliver(
     to: Delivery, result: Result, log: Log, *, tried: SearchResult | None = None, more: dict[str, Any], **report: Any
 ) -> None:
@@ -202,12 +199,11 @@ def deliver(
         from replant.report.figures import save_figures
         from replant.report.result_page import write_report
 
-        python = {"python": CONDITIONED} if is_conditioned(click.get_current_context().params) else {}
         advice = None if step is None else (step.words, step.command)
         about = {"candidates": tried, "validations": validations, "advice": advice, "command": command_line()}
         names: Any = {"input_label": log.input_name, "output_label": log.output_name}
         paths = save_figures(out, result, log.input, log.output, log.dt, **names)
-        return [*paths, write_report(out / "report.html", result, log, **(report | python | about))]
+        return [*paths, write_report(out / "report.html", result, log, **(report | about))]
 
     to.finish(result.model, [("model", result.verdict)], validations, step, write)
 

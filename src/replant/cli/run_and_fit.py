@@ -18,7 +18,6 @@ import click
 from replant.cli import results
 from replant.cli import run_fit_compare_options as shared
 from replant.cli.advice import OTHER_LOG, NextStep, again
-from replant.cli.conditioning_options import is_conditioned
 from replant.cli.messages import is_given, note, progress_bar, terminal
 from replant.cli.option_types import STRUCTURE, Candidates, Choice, command_line, path_option
 from replant.errors import InvalidArgumentError
@@ -41,7 +40,7 @@ from replant.online.runs.result import result_of_fit
 from replant.online.runs.run import run_source
 from replant.online.runs.run_log import first_model, judged_by_log, run_row
 from replant.report import results_as_text as as_text
-from replant.report.python_programs import fit_as_python, row_as_python
+from replant.report.python_programs import fit_as_python, row_as_python, run_as_python
 
 
 @click.command(name="run")
@@ -102,7 +101,8 @@ def run_command(startup: int | None, **options: Any) -> None:
         more = as_text.weights_as_json(result)
         if not to.as_json:
             click.echo(as_text.weights_in_words(result))
-    results.deliver(to, result, log, more=more)
+    python = "" if result.settings is None else run_as_python(result, log, shared.opened_as_python(options))
+    results.deliver(to, result, log, more=more, python=python)
 
 
 def _note_startup(startup: int | None, samples: int) -> None:
@@ -170,10 +170,9 @@ def fit_command(**options: Any) -> None:
         fitted = fit(_given(logs), structure=request.structure, **how)
     log = as_one(logs)
     result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
-    results.deliver(
-        to, result, log, tried=tried, more={},
-        filter=fitted.fixed_filter, preprocess=fitted.preprocess, python=fit_as_python(fitted, logs),
-    )  # fmt: skip
+    python = fit_as_python(fitted, logs, shared.opened_as_python(options))
+    of_fit: dict[str, Any] = {"filter": fitted.fixed_filter, "preprocess": fitted.preprocess, "python": python}
+    results.deliver(to, result, log, tried=tried, more={}, **of_fit)
 
 
 def _searched(logs: list[Log], **asked: Any) -> SearchResult:
@@ -202,25 +201,25 @@ class Solved(NamedTuple):
     search: SearchResult | None = None
 
 
-#: Makes the row of an output from its logs and the orders asked for.
-Solver = Callable[[list[Log], dict[str, Candidates]], Solved]
+#: Makes the row of an output from its logs, the orders asked for, and the begin of a program that reads the logs.
+Solver = Callable[[list[Log], dict[str, Candidates], str], Solved]
 
 
-def _fitted(logs: list[Log], asked: dict[str, Candidates]) -> Solved:
+def _fitted(logs: list[Log], asked: dict[str, Candidates], opened: str) -> Solved:
     """Return the row that `fit` makes of logs, or `search` where a range is asked for."""
     if not any(map(shared.is_range, asked.values())):
         numbers: dict[str, Any] = shared.numbers_of(asked)
         row: RowFit = fit(_given(logs), **numbers)
-        return Solved(row, row_as_python(row.model, logs))
+        return Solved(row, row_as_python(row.model, logs, opened=opened))
     grid: dict[str, Any] = {name: each if len(each) > 1 else each[0] for name, each in asked.items()}
     if shared.is_range(asked["poles"]) and all(each == (0,) for each in asked["zeros"]):
         grid["zeros"] = None
     found = _searched(logs, poles=grid["poles"], zeros=grid["zeros"], delays=grid["delay"])
     found = as_row(found, Samples.of(_given(logs), None, None, None, None))
-    return Solved(found.best, row_as_python(found.best.model, logs), found)
+    return Solved(found.best, row_as_python(found.best.model, logs, opened=opened), found)
 
 
-def _passed_over(logs: list[Log], asked: dict[str, Candidates], *, startup: int | None) -> Solved:
+def _passed_over(logs: list[Log], asked: dict[str, Candidates], opened: str, *, startup: int | None) -> Solved:
     """Return the row that one pass over a log makes, as `Identifier` does, solved as a whole at the end."""
     (log,), numbers = logs, shared.numbers_of(asked)
     _note_startup(startup, len(log))
@@ -228,7 +227,7 @@ def _passed_over(logs: list[Log], asked: dict[str, Candidates], *, startup: int 
         task = bar.add_task("identifying", total=len(log))
         samples = Samples.of(log, None, None, None, None)
         row = run_row(samples, numbers, startup, lambda done: bar.update(task, completed=done))
-    return Solved(row, row_as_python(row.model, logs, first_model(len(log)) if startup is None else startup))
+    return Solved(row, row_as_python(row.model, logs, first_model(len(log)) if startup is None else startup, opened))
 
 
 def identify_rows(solve: Solver, to: results.Delivery, options: dict[str, Any]) -> None:
@@ -246,7 +245,8 @@ def identify_rows(solve: Solver, to: results.Delivery, options: dict[str, Any]) 
     results.make_folder(to.out)
     solved, validations = [], list[tuple[str, Validation]]()
     for logs, output in zip(records, outputs, strict=True):
-        found = solve(logs, asked)
+        opened = shared.opened_as_python(options | {"input_column": inputs, "output_column": output})
+        found = solve(logs, asked, opened)
         made = replace(found.row.model.provenance, sha256=digest(logs[0].path) if len(logs) == 1 else "")
         model = replace(found.row.model, provenance=made)
         solved.append(found._replace(row=replace(found.row, model=model)))
@@ -292,8 +292,6 @@ def _reported(out: Path, solved: Sequence[Solved], records: Sequence[list[Log]],
     from replant.report.result_page import candidates_of
 
     python = "\n\n".join(each.python for each in solved)
-    if is_conditioned(click.get_current_context().params):
-        python = results.CONDITIONED
     shown = [Output(each.row, as_one(logs)) for each, logs in zip(solved, records, strict=True)]
     tried = "".join(candidates_of(each.search) for each in solved if each.search is not None)
     paths = save_figures(out, shown)

@@ -15,6 +15,7 @@ import numpy as np
 from replant.cli.conditioning_options import (
     condition_options,
     conditioned,
+    conditioning_as_python,
     input_hold_of,
     is_conditioned,
     stretch_options,
@@ -44,6 +45,7 @@ from replant.logs.log import check_one_reference
 from replant.logs.time_advice import contradicted
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
+from replant.report.python_programs import opening
 
 BIAS = flag("--bias", "Also identify a constant added to the output of G(s).")
 FEEDTHROUGH = flag("--feedthrough", "Allow as many zeros as poles: the output jumps with the input.")
@@ -199,6 +201,15 @@ def columns_of(options: dict[str, Any]) -> dict[str, Any]:
     """Return the columns of a log, its clock and its part, as `open_recording` takes them."""
     named = {role: options[f"{role}_column"] for role in ("input", "output", "time", "reference")}
     return named | {name: options[name] for name in ("dt", "begin", "end")}
+
+
+def opened_as_python(options: dict[str, Any]) -> str:
+    """Return the begin of the Python program of a result: it reads and conditions the logs as the options say."""
+    columns = {
+        name: (list(given) if len(given) > 1 else given[0]) if isinstance(given, tuple) else given
+        for name, given in columns_of(options).items()
+    }
+    return opening(options.get("logs") or [options["log"]], columns, conditioning_as_python(options))
 
 
 def preprocess_of(options: dict[str, Any]) -> Preprocess:

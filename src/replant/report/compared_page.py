@@ -146,9 +146,12 @@ def save_figures(folder: Path, contenders: Sequence[Contender], log: Log, prepro
 
 
 def write_comparison(
-    path: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess, command: str = ""
+    path: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess, command: str = "", opened: str = ""
 ) -> Path:
-    """Write a comparison of methods into one self-contained HTML file, and return its path."""
+    """Write a comparison of methods into one self-contained HTML file, and return its path.
+
+    ``opened``: begin of the programs, see `python_programs.opening`.
+    """
     labels, results, reference = _labels(log, preprocess.input_map), results_of(contenders), reference_of(contenders)
     listed = _html_table(contenders, symbols(results[reference].structure, *labels.values()), len(log))
     sections = {
@@ -156,7 +159,7 @@ def write_comparison(
         "Outputs": outputs(results, log),
         "Frequency responses": responses(results, reference, log.dt, labels),
         "Estimates over time": estimates(results, reference, log.dt, labels),
-        "How to reproduce this": (page.code("shell", command) if command else "") + _programs(contenders, log),
+        "How to reproduce this": (page.code("shell", command) if command else "") + _programs(contenders, log, opened),
         "Record and versions": page.facts([*tables.of_record(log), ("versions", tables.versions())]),
     }
     lede = (
@@ -231,14 +234,14 @@ def shortened(text: str) -> str:
     return f"{first} <details><summary>More</summary>{rest}</details>" if rest else first
 
 
-def _programs(contenders: Sequence[Contender], log: Log) -> str:
+def _programs(contenders: Sequence[Contender], log: Log, opened: str) -> str:
     """Return the Python programs that reproduce each method's result."""
     parts = []
     for entry in contenders:
         if entry.fitted is not None and entry.result is not None:
-            program = python_programs.fit_as_python(entry.fitted, [log])
+            program = python_programs.fit_as_python(entry.fitted, [log], opened)
         elif entry.result is not None and entry.result.settings is not None:
-            program = python_programs.run_as_python(entry.result, log)
+            program = python_programs.run_as_python(entry.result, log, opened)
         else:
             continue
         summary = f"<summary>{html.escape(entry.name)} alone, in Python</summary>"

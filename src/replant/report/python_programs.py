@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from replant.estimation.settings import Scaling, Settings
 from replant.fitting.fit_result import FitResult
 from replant.fitting.miso_model import RowModel
+from replant.logs.conditioning import STEPS
 from replant.logs.log import Log
 from replant.online.runs.result import Result
 
@@ -32,8 +33,8 @@ def identifier_as_python(settings: Settings) -> str:
     return "\n".join(["ident = rp.Identifier(", *parts, ")"])
 
 
-def run_as_python(result: Result, log: Log) -> str:
-    """Return the Python program that repeats an online run over ``log``."""
+def run_as_python(result: Result, log: Log, opened: str = "") -> str:
+    """Return the Python program that repeats an online run over ``log``; ``opened`` is its begin, see `opening`."""
     assert result.settings is not None
     lines = [
         identifier_as_python(result.settings),
@@ -41,14 +42,17 @@ def run_as_python(result: Result, log: Log) -> str:
         *(["ident.finish()"] if result.finished else []),
         "print(ident.transfer_function)",
     ]
-    return "\n".join([_opened([log]), *lines])
+    return "\n".join([opened or _opened([log]), *lines])
 
 
-def fit_as_python(fitted: FitResult, logs: Sequence[Log]) -> str:
-    """Return the Python program that repeats an offline fit of logs."""
+def fit_as_python(fitted: FitResult, logs: Sequence[Log], opened: str = "") -> str:
+    """Return the Python program that repeats an offline fit of logs; ``opened`` is its begin, see `opening`."""
     log, several = logs[0], len(logs) > 1
-    signals, *others = _given(log, "reference")
-    signals, others = ("logs", []) if several else (f"{signals}, dt={log.dt!r}", others)
+    if log.path.name:  # a log has its own clock, reference and hold of the input
+        signals, others = "logs" if several else "log", list[str]()
+    else:
+        signals, *others = _given(log, "reference")
+        signals = f"{signals}, dt={log.dt!r}"
     lines = [
         "fitted = rp.fit(",
         f"    {signals}, structure=rp.{_call(fitted.structure)}, method={fitted.method!r},",
@@ -58,11 +62,14 @@ def fit_as_python(fitted: FitResult, logs: Sequence[Log]) -> str:
         ")",
         "print(fitted.transfer_function)",
     ]
-    return "\n".join([_opened(logs), *lines])
+    return "\n".join([opened or _opened(logs), *lines])
 
 
-def row_as_python(model: RowModel, logs: Sequence[Log], startup: int | None = None) -> str:
-    """Return the Python program that fits a row to logs, or with ``startup`` identifies it in one pass over a log."""
+def row_as_python(model: RowModel, logs: Sequence[Log], startup: int | None = None, opened: str = "") -> str:
+    """Return the Python program that fits a row to logs, or with ``startup`` identifies it in one pass over a log.
+
+    ``opened`` is its begin, see `opening`.
+    """
     each = model.structures
     orders = ", ".join(f"{name}={tuple(getattr(one, name) for one in each)!r}" for name in ("poles", "zeros", "delay"))
     log, several = logs[0], len(logs) > 1
@@ -76,7 +83,47 @@ def row_as_python(model: RowModel, logs: Sequence[Log], startup: int | None = No
         ]
     else:
         lines = [f"fitted = rp.fit({'logs' if several else 'log'}, {orders})", "print(fitted)"]
-    return "\n".join([_opened(logs), *lines])
+    return "\n".join([opened or _opened(logs), *lines])
+
+
+def changes_as_python(
+    steps: Mapping[str, Any], left_out: Sequence[Any] = (), use: Sequence[Any] = (), *, at_rest: bool = False
+) -> list[str]:
+    """Return the calls that change a log as options do, in the order of the commands, with {} in the log's place.
+
+    ``steps`` has the arguments of `STEPS`; ``left_out`` and ``use`` are stretches of time (begin, end).
+    """
+    calls = []
+    for name in STEPS:
+        given = steps.get(name)
+        if given is None or given is False:
+            continue
+        arguments = () if given is True else given if isinstance(given, tuple) else (given,)
+        called = "bandpass" if name == "band" else name
+        calls.append(f"rp.{called}({', '.join(['{}', *map(repr, arguments)])})")
+    if left_out or use:
+        calls.append(f"rp.leave_out({{}}, {list(left_out)!r}{f', use={list(use)!r}' if use else ''})")
+    return [*calls, *(["rp.from_rest({})"] if at_rest else [])]
+
+
+def changed(name: str, calls: Sequence[str], several: str = "") -> list[str]:
+    """Return the lines that change the log ``name``, or each of the list ``several``, by `changes_as_python`."""
+    if several:
+        return [f"{several} = [{call.format(name)} for {name} in {several}]" for call in calls]
+    return [f"{name} = {call.format(name)}" for call in calls]
+
+
+def opening(paths: Sequence[Any], columns: Mapping[str, Any], calls: Sequence[str] = ()) -> str:
+    """Return the begin of a program: it reads one log or several by arguments of `read_log`, and changes them."""
+    arguments = "".join(f", {name}={value!r}" for name, value in columns.items() if value is not None)
+    return _begin([f"rp.read_log({str(path)!r}{arguments})" for path in paths], calls)
+
+
+def _begin(reads: Sequence[str], calls: Sequence[str] = ()) -> str:
+    several = len(reads) > 1
+    read = ["logs = [", *(f"    {each}," for each in reads), "]"] if several else [f"log = {reads[0]}"]
+    imported = ["import dataclasses", ""] if any(call.startswith("dataclasses.") for call in calls) else []
+    return "\n".join([*imported, "import replant as rp", "", *read, *changed("log", calls, "logs" if several else "")])
 
 
 def _given(log: Log, reference: str) -> list[str]:
@@ -94,13 +141,10 @@ def _given(log: Log, reference: str) -> list[str]:
 def _opened(logs: Sequence[Log]) -> str:
     """Return the start of a program, which reads one log or several."""
     log = logs[0]
-    if not log.path.name:
-        arrays = ["u", "y", *(["t"] if log.stamps is not None else []), *(["r"] if log.reference_name else [])]
-        read = f"# {', '.join(arrays)}: the record, {('two', 'three', 'four')[len(arrays) - 2]} arrays"
-    elif len(logs) == 1:
-        read = f"log = {_read(log)}"
-    else:
-        read = "\n".join(["logs = [", *(f"    {_read(each)}," for each in logs), "]"])
+    if log.path.name:
+        return _begin(list(map(_read, logs)))
+    arrays = ["u", "y", *(["t"] if log.stamps is not None else []), *(["r"] if log.reference_name else [])]
+    read = f"# {', '.join(arrays)}: the record, {('two', 'three', 'four')[len(arrays) - 2]} arrays"
     return f"import replant as rp\n\n{read}"
 
 

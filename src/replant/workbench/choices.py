@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Self
 from replant.errors import InvalidArgumentError, shown
 from replant.logs.conditioning import STEPS
 from replant.numerics.limits import typed_path
+from replant.report.python_programs import changed, changes_as_python
 
 FIT, SEARCH, RUN = "fit", "search", "run"
 KINDS = (FIT, SEARCH, RUN)
@@ -220,7 +221,6 @@ def command_line(words: tuple[str, ...], saved: str = "model.json") -> str:
 
 def program(path: Path, setup: Setup, wish: Wish, saved: str = "model.json") -> str:
     """Return the Python program that makes the same model to the bit, by the steps of the command."""
-    is_cut = any(getattr(setup, name) for name in STRETCHES)
     lines = ["import dataclasses", "import sys", ""]
     lines += [
         "import replant as rp",
@@ -233,14 +233,11 @@ def program(path: Path, setup: Setup, wish: Wish, saved: str = "model.json") -> 
         f"recording = with_others(open_recording(path, {_columns(setup)}, most_held=sys.maxsize))",
         "log = dataclasses.replace(recording.held, sha256=digest(recording.path))",
     ]
-    for name in STEPS:
-        given = getattr(setup, name, None)
-        if given is True:
-            lines.append(f"log = rp.{name}(log)")
-        elif given is not None and given is not False:
-            number = float(f"{given:.12g}") if isinstance(given, float) else given
-            lines.append(f"log = rp.{name}(log, {number!r})")
-    lines += [_cut(setup)] if is_cut else []
+    steps = {name: getattr(setup, name, None) for name in STEPS}
+    # as many digits as the command has
+    steps = {name: float(f"{given:.12g}") if isinstance(given, float) else given for name, given in steps.items()}
+    left_out, use = ([tuple(each) for each in given] for given in (setup.leave_out + setup.validate_on, setup.use))
+    lines += changed("log", changes_as_python(steps, left_out, use))
     return "\n".join([*lines, f"model = {_model(wish)}", f"model.save({saved!r})", "print(model)"]) + "\n"
 
 
@@ -250,12 +247,6 @@ def _columns(setup: Setup) -> str:
     if setup.dt is not None:
         return ", ".join([*named, f"dt={float(f'{setup.dt:.12g}')!r}"])
     return ", ".join([*named, *([f"time={setup.time!r}"] if setup.time else [])])
-
-
-def _cut(setup: Setup) -> str:
-    """Return the line that leaves out outputs."""
-    left_out, use = ([tuple(each) for each in given] for given in (setup.leave_out + setup.validate_on, setup.use))
-    return f"log = rp.leave_out(log, {left_out!r}{f', use={use!r}' if use else ''})"
 
 
 def _model(wish: Wish) -> str:
