@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from replant.workbench.choices import Setup
 from replant.workbench.drawn_samples import (
     BUCKET,
     CancelledError,
@@ -17,7 +18,7 @@ from replant.workbench.drawn_samples import (
     doubts,
     thinned,
 )
-from replant.workbench.tasks import look
+from replant.workbench.tasks import conditioned, look
 from support.cases import every
 
 
@@ -98,3 +99,13 @@ def test_doubts_name_gaps_missing_outputs_and_stuck_sensors_but_no_rest() -> Non
 def test_what_is_left_out_of_a_file_is_said(motor: Path) -> None:
     motor.write_text("Motor of rig 7\n" + motor.read_text())
     assert ["Note", "line 1 is above the names, and left out"] in look(str(motor), ("", "", ""))["findings"]
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_a_decimated_log_is_drawn_at_its_times_in_the_file(tmp_path: Path, stamped: bool) -> None:
+    """The output is the time in the file, which filter and decimation keep."""
+    path = tmp_path / "log.csv"
+    path.write_text("t,u,y\n" + "".join(f"{0.1 * k:.1f},{k % 7},{0.1 * k:.1f}\n" for k in range(500)))
+    clock = {"time": "t"} if stamped else {"dt": 0.1}
+    drawn = conditioned(str(path), Setup("u", "y", decimate=4, **clock), 0.0, None, 1000)["signals"]["output"]
+    np.testing.assert_allclose(drawn["t"], drawn["low"], atol=1e-3)

@@ -202,10 +202,10 @@ def _uncut(setup: Setup) -> Setup:
 def _part(
     path: str, setup: Setup, part: Stretch | None, changed: float, between: tuple[float, float] | None
 ) -> tuple[Log, FloatArray, slice]:
-    """Return a part of a log, its times in s from the log's first sample, and which of its rows are shown."""
+    """Return a part of a log, its times in s from the first row of the file, and which of its rows are shown."""
     log = _log(path, setup, part, changed)
     t = np.asarray(log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0], np.float64)
-    t = t + (0.0 if part is None else part.begin)
+    t = t + (log.begin or 0.0)  # of the part, and of what decimation leaves out
     if between is None:
         return log, t, slice(0, t.size)
     first, last = np.searchsorted(t, between).tolist()
