@@ -1,4 +1,4 @@
-"""Without stamps a sample that cannot be used takes its time: the input before lasts, and its output is missing."""
+"""Without stamps a sample that cannot be used takes its time."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.errors import DamagedCheckpointError
 from support.builders import state
 
 DT, SAMPLES = 0.02, 1500
@@ -91,3 +92,47 @@ def test_finish_within_a_hole_keeps_its_time(before: int) -> None:
     ident.finish()
     ident.update(0.0, 0.0)
     assert ident.recent[-1, 2] == pytest.approx(51 * DT)
+
+
+def with_holes() -> tuple[np.ndarray, np.ndarray]:
+    """Two inputs and the output, with three holes of 40 to 60 samples of one input, in which that input moves."""
+    rng = np.random.default_rng(6)
+    u = np.repeat(rng.standard_normal((SAMPLES // 15, 2)), 15, axis=0)
+    y = PLANT.simulate(u[:, 0], DT) + OTHER.simulate(u[:, 1], DT) + 0.02 * rng.standard_normal(SAMPLES)
+    for at, length, column in ((300, 40, 0), (640, 60, 1), (800, 50, 0)):
+        u[at : at + length, column] = np.nan
+    return u[:1000], y[:1000]
+
+
+@pytest.mark.slow
+def test_behind_holes_of_one_of_several_inputs_the_estimate_is_that_of_fit() -> None:
+    u, y = with_holes()
+    ident, found = made(2), rp.fit(u, y, dt=DT, poles=(2, 1))
+    ident.update_many(u, y)
+    ident.finish()
+    assert (np.abs(ident.parameters - found.parameters) < 0.1 * np.sqrt(np.diag(found.covariance))).all()
+    assert ident.assess().status == found.verdict.status == "trusted"
+    # three samples of each hole are within a gap
+    assert (ident.rejected["not finite"], ident.rejected["no output"], ident.taken) == (141, 9, 1000)
+    assert np.unique(ident.recent_intervals / DT).tolist() == pytest.approx([1.0, 38.0, 48.0, 58.0])
+
+
+@pytest.mark.parametrize("cut", [641, 645, 700, 701])
+def test_rows_within_a_hole_and_behind_it_go_on_to_the_bit(cut: int) -> None:
+    u, y = (each[:720] for each in with_holes())
+    whole, parts = made(2), made(2)
+    whole.update_many(u, y)
+    parts.update_many(u[:cut], y[:cut])
+    parts = rp.Identifier.from_bytes(parts.to_bytes())
+    for each, output in zip(u[cut:].tolist(), y[cut:].tolist(), strict=True):
+        parts.update(each, output)
+    assert parts.to_bytes() == whole.to_bytes()
+
+
+def test_a_checkpoint_of_rows_whose_times_do_not_advance_is_refused() -> None:
+    u, y = with_holes()
+    ident = made(2)
+    ident.update_many(u[:20], y[:20])
+    ident._now.kept.values[-1, -1] = 20.0  # that of the next sample
+    with pytest.raises(DamagedCheckpointError, match="times are not valid"):
+        rp.Identifier.from_bytes(ident.to_bytes())

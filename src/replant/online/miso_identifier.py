@@ -70,8 +70,8 @@ class RowIdentifier(Identification):
     the samples.  At each solution and once in between the record is tested for a change: for a load, which changes the
     offset, or for another plant, with which the record begins anew.
 
-    A sample whose inputs or time are not finite, or larger than 1e150, is rejected; without time stamps such an input
-    lasts as before, which holds for single samples, not for long holes: give stamps there.  A sample without an output
+    A sample whose inputs or time are not finite, or larger than 1e150, is rejected; without time stamps it takes dt,
+    and for three samples after the newest output such an input lasts as before instead.  A sample without an output
     (NaN) drives the model, but nothing is learned from it.  When the record is solved again, and for the verdict,
     outliers and outputs of a stuck sensor are left out, as by `fit`; until then an error counts as at most six standard
     deviations.  After `freeze` there are no solutions and tests for changes until `reset`: `resume` adapts sample by
@@ -377,8 +377,7 @@ class RowIdentifier(Identification):
     @property
     def taken(self) -> int:
         """Number of samples given so far, with rejected ones: where to continue after an interrupt."""
-        state = self._now
-        return state.samples + sum(state.rejected.values()) - state.rejected["no output"]
+        return self._now.taken
 
     @property
     def status(self) -> str:

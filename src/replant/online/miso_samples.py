@@ -7,11 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from replant.estimation.engine import record
 from replant.estimation.engine.dimensions import ring_of
 from replant.estimation.engine.state import GAP
 from replant.kernels.schema import FARTHEST, LARGEST, LEAP, MOST_EARLIER
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+from replant.numerics.robust import last_known
 
 LEAST = 4  # least outputs for the first model [count for each unknown]
 ROOM = 256  # rows that are allocated at first [samples]
@@ -109,47 +111,51 @@ class RowSamples(NamedTuple):
         """Return some of the samples."""
         return RowSamples(self.u[rows], self.y[rows], None if self.t is None else self.t[rows], self.r[rows])
 
-    def each_in_time(self, before: FloatArray | None) -> RowSamples:
-        """Return samples without stamps, of which each takes its time: if it lacks an input, the one before lasts.
+    def each_in_time(self, taken: int, before: FloatArray) -> RowSamples:
+        """Return samples without stamps, of which each takes its time; ``before``: the rows kept, after ``taken``.
 
-        ``before`` is the sample kept before, (1, q) or more; None: samples before all inputs are known are rejected.
+        If one lacks an input, the one before lasts, up to a gap after the newest output; from then on the input is
+        unknown, so that the sample will be rejected.
         """
         u, y, _, _ = self
         is_known, y = np.abs(u) <= LARGEST, np.where(np.abs(y) <= LARGEST, y, np.nan)
         is_whole = is_known.all(axis=1)
-        begin = 0 if before is not None else int(np.argmax(is_whole))
-        if is_whole.all() or not (before is not None or is_whole.any()):
+        if is_whole.all():
             return self._replace(y=y)
-        held = last_known(
-            u[begin:], is_known[begin:], u[begin : begin + 1] if before is None else before[:, : u.shape[1]]
+        y = np.where(is_whole, y, np.nan)
+        places, outputs = np.arange(taken, taken + y.size), before[np.isfinite(before[:, -2])]
+        newest = np.where(np.isfinite(y), places, outputs[-1, -1] if len(outputs) else -np.inf)
+        lasts = places - np.maximum.accumulate(newest) <= record.GAP
+        begin = before[-1] if len(before) else np.full(u.shape[1], np.nan)
+        known = np.where(is_known, u, np.nan)
+        held = np.column_stack(
+            [last_known(each, value) for each, value in zip(known.T, begin[: u.shape[1]], strict=True)]
         )
-        return self._replace(u=np.vstack([u[:begin], held]), y=np.where(is_whole, y, np.nan))
-
-
-def last_known(values: FloatArray, is_known: BoolArray, before: FloatArray) -> FloatArray:
-    """Return values (K, q) in which the last known one lasts; ``before`` (1, q) is known."""
-    newest = np.maximum.accumulate(np.where(is_known, 1 + np.arange(len(values))[:, None], 0), axis=0)
-    return np.take_along_axis(np.vstack([before, values]), newest, axis=0)
+        return self._replace(u=np.where(lasts[:, None], held, known), y=y)
 
 
 class Screened(NamedTuple):
     """The fate of samples (K,)."""
 
     clock: RowClock  # after them
-    times: FloatArray  # (K,): as they are kept, in s; zero without stamps
+    times: FloatArray  # (K,): as they are kept: in s; without stamps, the number of samples given before
     is_taken: BoolArray  # (K,)
     is_believed: BoolArray  # (K,): whether the sample was taken after waiting for its successor
     turned_away: dict[str, BoolArray]  # samples (K,) counted as rejected, by reason
 
     @classmethod
-    def of(cls, clock: RowClock, given: RowSamples, last: float, dt: float, closest: float) -> Screened:
-        """Screen samples after the time ``last``, -inf before the first; ``closest``: see `RowSettings`."""
+    def of(cls, clock: RowClock, given: RowSamples, taken: int, last: float, dt: float, closest: float) -> Screened:
+        """Screen samples after ``taken`` others and the time ``last``, -inf before the first.
+
+        ``closest``: see `RowSettings`.
+        """
         u, y, t, r = given
         signals = np.column_stack([u, np.where(np.isnan(y), 0.0, y)])
         finite, small = np.isfinite(signals).all(axis=1), (np.abs(signals) <= LARGEST).all(axis=1)
         finite = finite if t is None else finite & np.isfinite(t)
         usable = finite & small
-        times, fate = np.zeros(y.size), np.where(usable, TAKEN, UNUSABLE)
+        # without stamps a rejected sample takes its time as well
+        times, fate = np.arange(taken, taken + y.size, dtype=np.float64), np.where(usable, TAKEN, UNUSABLE)
         if t is not None:
             clock, times, fate, held = clock.judged(t, usable, last, dt, closest)
             if held is not None:
@@ -164,7 +170,7 @@ class Screened(NamedTuple):
 class RowHistory:
     """The newest samples, at most ``most``; rows from ``end`` on are free, or belong to a later history."""
 
-    rows: FloatArray  # (R, q + p + 2): inputs, references, output, time in s
+    rows: FloatArray  # (R, q + p + 2): inputs, references, output, time: see `Screened`
     most: int
     begin: int = 0
     end: int = 0

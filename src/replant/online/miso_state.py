@@ -22,6 +22,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
+from replant.estimation.engine.record import GAP
 from replant.estimation.simulation.miso import Row, RowRecord, evaluate
 from replant.estimation.solver.miso_change import Judge, find_change, plant_change
 from replant.estimation.solver.record_changes import may_have_loads
@@ -32,6 +33,7 @@ from replant.fitting.parted_record import solve_parted_row
 from replant.kernels.schema import Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
+from replant.numerics.robust import last_known
 from replant.online.change_response import AGAIN
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_samples import (
@@ -41,7 +43,6 @@ from replant.online.miso_samples import (
     RowSamples,
     RowSettings,
     Screened,
-    last_known,
 )
 from replant.verdict.miso_certainty import unsure, untold
 from replant.verdict.miso_tests import lacking
@@ -85,6 +86,21 @@ class RowState:
         return cls(settings, RowHistory(rows, settings.history), settings.startup)
 
     @property
+    def taken(self) -> int:
+        """Number of samples given so far, with rejected ones."""
+        return self.samples + sum(self.rejected.values()) - self.rejected["no output"]
+
+    @property
+    def unit(self) -> float:
+        """The unit in s of the times that are kept, see `Screened`."""
+        return 1.0 if self.stamped else self.settings.dt
+
+    @property
+    def last_time(self) -> float:
+        """The newest time kept, -inf before the first."""
+        return float(self.kept.values[-1, -1]) if self.samples else -math.inf
+
+    @property
     def references(self) -> int:
         """Number of references with each sample; 0 before the first sample."""
         return int(self.kept.rows.shape[1]) - len(self.settings.structures) - 2
@@ -122,8 +138,8 @@ class RowState:
     @property
     def newest_intervals(self) -> FloatArray:
         """The intervals (K,) in s before each of them."""
-        clock, dt = self.newest_rows[:, -1], self.settings.dt
-        return np.diff(clock, prepend=clock[:1] - dt) if self.stamped else np.full(clock.size, dt)
+        clock = self.newest_rows[:, -1]
+        return np.diff(clock, prepend=clock[:1] - self.settings.dt / self.unit) * self.unit
 
     @quiet
     def take(self, given: RowSamples, errors: FloatArray, estimates: FloatArray) -> tuple[RowState, int]:
@@ -132,11 +148,12 @@ class RowState:
         if self.clock.held:
             return self._with_held(given, errors, estimates)
         given = given._replace(y=np.where(np.isfinite(given.r).all(axis=1), given.y, np.nan))
-        given = given if given.t is not None else given.each_in_time(self.kept.values[-1:] if self.samples else None)
+        if given.t is None:
+            given = given.each_in_time(self.taken, self.kept.values[-math.ceil(GAP) :])
         u, y, t, r = given
         dt, is_first, is_alarm = self.settings.dt, self.recursion is None, False
-        last = float(self.kept.values[-1, -1]) if self.samples else -math.inf
-        done = Screened.of(self.clock, given, last, dt, self.closest)
+        last = self.last_time
+        done = Screened.of(self.clock, given, self.taken, last, dt, self.closest)
         counted = done.is_taken & np.isfinite(y) if is_first else done.is_taken
         is_now = done.is_taken & ~done.is_believed  # one held back is taken with its successor
         before, due = self.kept.measured if is_first else self.samples, self.due
@@ -155,7 +172,7 @@ class RowState:
         )
         estimates[:end] = self.parameters
         if self.recursion is not None and rows.size:
-            intervals = np.full(rows.size, dt) if t is None else np.diff(done.times[rows], prepend=last)
+            intervals = np.diff(done.times[rows], prepend=last) * new.unit
             recursion, errors[rows], after, alarm = self.recursion.take(
                 u[rows], y[rows], r, intervals, learns=self.adapts
             )
@@ -201,8 +218,8 @@ class RowState:
         """Return references (K, p) with values that are not finite replaced by the last finite one, at first by 0."""
         if not r.size:
             return r
-        before = self.kept.values[-1:, len(self.settings.structures) : -2]
-        return last_known(r, np.isfinite(r), before if len(before) else np.zeros((1, r.shape[1])))
+        before = self.kept.values[-1, len(self.settings.structures) : -2] if self.samples else np.zeros(r.shape[1])
+        return np.column_stack([last_known(each, value) for each, value in zip(r.T, before, strict=True)])
 
     def _attended(self) -> RowState:
         """Return the state after the work due: a test for a change, a solution of the record."""
@@ -346,7 +363,7 @@ class RowState:
         rest = kept[end:]
         if not len(rest):
             return recursion
-        intervals = np.diff(kept[end - 1 :, -1]) if self.stamped else np.full(len(rest), self.settings.dt)
+        intervals = np.diff(kept[end - 1 :, -1]) * self.unit
         inputs = len(self.settings.structures)
         return recursion.take(rest[:, :inputs], rest[:, -2], rest[:, inputs:-2], intervals)[0]
 
@@ -357,7 +374,9 @@ class RowState:
         first = self.samples - len(values)
         begins = tuple(at - first for at in self.loads if at > first)
         inputs = len(settings.structures)
-        u, y, stamps = values[:, :inputs].copy(), values[:, -2].copy(), values[:, -1].copy() if self.stamped else None
+        u, y, times = values[:, :inputs].copy(), values[:, -2].copy(), values[:, -1]
+        is_regular = not self.stamped and times[-1] - times[0] == len(times) - 1  # no sample among them was rejected
+        stamps = None if is_regular else times * self.unit
         ready = RowRecord.of(u, y, settings.dt, stamps, settings.input_hold, begins)
         references = values[ready.used, inputs:-2] if self.references else None
         return ready, Row(settings.structures, ready.record, ready.inputs, settings.input_names), references

@@ -108,9 +108,10 @@ class Kept(NamedTuple):
         if not (abs(y) <= LARGEST and all(abs(each) <= LARGEST for each in u)):
             return None
         if t is None:
-            return state.settings.dt
-        shift = state.clock.shift
-        interval = t + shift - (since[-1][-1] + shift if since else float(state.kept.values[-1, -1]))
+            interval = state.settings.dt if since else (state.taken - state.last_time) * state.unit
+        else:
+            shift = state.clock.shift
+            interval = t + shift - (since[-1][-1] + shift if since else state.last_time)
         longest = min(GAP * known.dt, LEAP * state.settings.dt)
         return interval if interval > 0.0 and state.closest <= interval <= longest else None
 

@@ -165,13 +165,17 @@ def restored_row(attributes: dict[str, Any]) -> RowState:
         raise DamagedCheckpointError("its samples or findings are not valid")
     rivals = arrays.get("rivals", np.zeros((0, settings.size)))
     _checked("rivals", rivals, (len(rivals), settings.size))
-    return RowState(
+    state = RowState(
         settings, RowHistory(kept, settings.history, 0, len(kept)), **{name: plain[name] for name in COUNTS},
         loads=loads, is_sure=bool(plain["is_sure"]), rejected=rejected, stamped=plain["stamped"],
         clock=_clock(clock, kept.shape[1], rejected["time leap"]), adapts=bool(plain["adapts"]),
         recursion=_recursion(structures, hold, references, arrays) if arrays else None,
         rivals=tuple(rivals), judges=tuple(_judges(settings.size, arrays)), **findings,
     )  # fmt: skip
+    times = kept[:, -1] if state.stamped else np.append(kept[:, -1], state.taken)
+    if not (np.diff(times) > 0.0).all():
+        raise DamagedCheckpointError("its times are not valid")
+    return state
 
 
 def _clock(clock: FloatArray, columns: int, leaps: int) -> RowClock:

@@ -170,7 +170,7 @@ def run_row(
         dt=given.dt, startup=first, input_hold=given.input_hold, input_names=given.input_names, **orders
     )  # fmt: skip
     samples = RowSamples(u, y, t, np.empty((y.size, 0)))
-    screened = Screened.of(RowClock(), samples, -np.inf, given.dt, ident.request.closest)
+    screened = Screened.of(RowClock(), samples, 0, -np.inf, given.dt, ident.request.closest)
     if t is None and not screened.is_taken.all():
         t = given.dt * np.arange(y.size, dtype=np.float64)  # a sample that is left out still takes its time
     for begin in range(0, y.size, CHUNK):
