@@ -86,3 +86,14 @@ def test_without_matplotlib_a_notebook_shows_words(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(rp.Model, "plot", missing)
     assert fitted()._repr_html_() == fitted().model._repr_html_()
+
+
+def test_of_a_constant_input_no_coefficients_are_shown() -> None:
+    result = rp.fit(np.ones(300), np.random.default_rng(0).standard_normal(300), dt=0.1, poles=1)
+    text = repr(result)
+    assert text.splitlines()[0] == "<FitResult without a model: u -> y"
+    assert "not excited: the input is constant" in text
+    assert "a0" not in text
+    assert "%" not in text
+    assert not result.has_model
+    assert fitted().has_model

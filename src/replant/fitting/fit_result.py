@@ -26,6 +26,7 @@ from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, quiet, sum_of_squares
 from replant.verdict import Assessment, Simulation, assess_record
 from replant.verdict.assess import MOST_SAMPLES
+from replant.verdict.evidence import CONSTANT
 from replant.verdict.loop import COPIED, Reference
 from replant.verdict.other_columns import OtherColumn, other_columns
 
@@ -217,8 +218,14 @@ class FitResult(Identified):
         y[rows] = self.simulation.output[rows]
         return y
 
+    @property
+    def has_model(self) -> bool:
+        """Whether G(s) tells anything; of a constant input its coefficients are those of the noise."""
+        return CONSTANT not in self.verdict.reasons
+
     def __repr__(self) -> str:
-        return in_lines("FitResult", self.model, self.samples, self.verdict.reasons)
+        reasons = self.verdict.reasons
+        return in_lines("FitResult", self.model, self.samples, reasons, has_model=self.has_model)
 
     def _repr_html_(self) -> str:
         return with_picture(self.model)

@@ -319,7 +319,7 @@ def reference_of(reference: Any, samples: int) -> FloatArray:
     return r
 
 
-def in_lines(kind: str, model: ModelFields, samples: int, reasons: tuple[str, ...]) -> str:
+def in_lines(kind: str, model: ModelFields, samples: int, reasons: tuple[str, ...], *, has_model: bool = True) -> str:
     """Return a result in at most twelve lines: G(s), coefficients, fit, and the reasons of the verdict."""
     count = model.parameters.size
     stds = [None] * count if model.uncertainty is None else model.uncertainty.std.tolist()
@@ -328,10 +328,14 @@ def in_lines(kind: str, model: ModelFields, samples: int, reasons: tuple[str, ..
     fits = [(model.simulated_fit, "simulated"), (model.one_step_fit, "one step ahead")]
     fit = ", ".join(f"{value:.1f} % {how}" for value, how in fits if not math.isnan(value))
     shown = [*reasons[:REASONS], *([f"... {len(reasons) - REASONS} more"] if len(reasons) > REASONS else [])]
-    lines = [
-        f"<{kind} {model.transfer_function}: {model.input_name} -> {model.output_name}",
+    signals = f"{model.input_name} -> {model.output_name}"
+    estimated = [
+        f"<{kind} {model.transfer_function}: {signals}",
         *textwrap.wrap(", ".join(known), WIDTH, max_lines=COEFFICIENT_LINES),
         f"fit {fit or 'unknown'}; {samples:,} samples",
+    ]
+    lines = [
+        *(estimated if has_model else [f"<{kind} without a model: {signals}", f"{samples:,} samples"]),
         f"{model.verdict.status}: {shown[0] if shown else ''}",
         *shown[1:],
     ]

@@ -83,7 +83,7 @@ def write_report(
             "verdict": verdict_of(found, advice),
             "model_note": note if all(each.usable for each in found) else DO_NOT_USE,
             "long": " long" if result.structure.poles > BESIDE else "",
-            "math": mathml(result.transfer_function) if result.parameters.any() else NO_MODEL,
+            "math": mathml(result.transfer_function) if result.has_model else NO_MODEL,
             "figures": _figures(material),
             "zoom": page.asset("zoom.html"),
             **_pictures(material, plots),

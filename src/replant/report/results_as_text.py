@@ -79,7 +79,7 @@ def print_result(
 ) -> None:  # fmt: skip
     """Print G(s), coefficients, poles, fit and verdict; ``clocks``: those of several logs."""
     console.print()
-    if result.parameters.any():
+    if result.has_model:
         _print_model(console, result.model, truth)
         _say(console, "Fit", _fits(result.simulation.fit, result.simulation.how, result.one_step))
     else:

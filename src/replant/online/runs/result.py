@@ -27,6 +27,7 @@ from replant.numerics.robust import NONE, flags_of, joined, stretches_of
 from replant.online.estimate import COUNTED
 from replant.plotting.over_time import POINTS, Thinned, Thinner
 from replant.verdict import Assessment, Simulation
+from replant.verdict.evidence import CONSTANT
 
 if TYPE_CHECKING:
     from replant.online.bank_weights import Lead
@@ -289,8 +290,15 @@ class Result:
         """Return the clock of the record, whose sampling time is ``dt`` s."""
         return self.clock if self.clock is not None and self.clock.irregular else Clock(dt)
 
+    @property
+    def has_model(self) -> bool:
+        """Whether the record gave an estimate; a fit of a constant input gives none, see `FitResult`."""
+        is_of_noise = self.settings is None and CONSTANT in self.verdict.reasons
+        return bool(self.parameters.any()) and not is_of_noise
+
     def __repr__(self) -> str:
-        return in_lines("Result", self.model, self.samples, self.verdict.reasons)
+        reasons = self.verdict.reasons
+        return in_lines("Result", self.model, self.samples, reasons, has_model=self.has_model)
 
     def _repr_html_(self) -> str:
         return with_picture(self.model)
