@@ -19,7 +19,9 @@ import replant as rp
 from replant.cli import main
 from replant.errors import MissingDependencyError
 from replant.report import result_page as module
+from replant.report.contents import captions
 from replant.report.findings import findings
+from replant.report.outputs import Output, panels_of
 from replant.report.page_frame import charts_of
 from replant.report.result_page import write_report
 from support.builders import with_model
@@ -164,21 +166,17 @@ def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
 
 def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     """No bands where there is no standard deviation, figures with their units, how long there was no estimate."""
-    from replant.report.contents import Material, captions
-
-    with_bands, without = (
-        Material(case.result, case.log, case.result.fixed_filter, rp.Preprocess()) for case in (uncertain, plain)
-    )
-    assert "with bands of two standard deviations" in captions(with_bands)["parameters"]
-    assert "bands" not in captions(without)["parameters"]
+    with_bands, without = (Output(case.result, case.log) for case in (uncertain, plain))
+    assert "with bands of two standard deviations" in captions([with_bands])["parameters"]
+    assert "bands" not in captions([without])["parameters"]
     history = dataclasses.replace(plain.result.history, std=np.full_like(plain.result.history.parameters, np.nan))
-    unknown = dataclasses.replace(without, result=dataclasses.replace(plain.result, history=history))
-    assert "bands" not in captions(unknown)["parameters"]
+    unknown = Output(dataclasses.replace(plain.result, history=history), plain.log)
+    assert "bands" not in captions([unknown])["parameters"]
     held = int((plain.result.history.parameters != 0.0).any(axis=1).argmax()) + 1
-    assert f"The first estimate is made from the first {held * plain.log.dt:g} s." in captions(without)["parameters"]
+    assert f"The first estimate is made from the first {held * plain.log.dt:g} s." in captions([without])["parameters"]
     size = np.sqrt(np.mean((plain.log.output - plain.result.simulation.output) ** 2))
-    assert f"root mean square of the residual is {size:.3g} rpm" in captions(without)["fit"]
-    assert captions(without)["bode"].endswith("rpm/V.")
+    assert f"root mean square of the residual is {size:.3g} rpm" in captions([without])["fit"]
+    assert captions([without])["bode"].endswith("rpm/V.")
 
 
 def test_the_method_is_named(uncertain) -> None:
@@ -239,11 +237,7 @@ def test_whatever_a_file_calls_itself_is_text(plain, tmp_path) -> None:
 
 
 def test_plots_hold_the_record(uncertain) -> None:
-    from replant.report.contents import Material
-
-    found = charts_of(
-        Material(uncertain.result, uncertain.log, uncertain.result.settings.filter, rp.Preprocess()).panels
-    )
+    found = charts_of(panels_of([Output(uncertain.result, uncertain.log)]))
     measured, model = found["fit"][1]["curves"]
     np.testing.assert_allclose(values(measured), uncertain.log.output, atol=1e-6)
     np.testing.assert_allclose(values(model), uncertain.result.simulation.output, atol=1e-6)
@@ -381,11 +375,8 @@ def test_where_uplot_was_not_fetched_that_of_uplot_python_is_taken(tmp_path, mon
 
 
 def test_plots_over_time_know_what_is_left_out(uncertain) -> None:
-    from replant.report.contents import Material
-    from replant.report.page_frame import charts_of
-
     result = dataclasses.replace(uncertain.result, left_out=np.array([[10, 30]]))
-    found = charts_of(Material(result, uncertain.log, result.settings.filter, rp.Preprocess()).panels)
+    found = charts_of(panels_of([Output(result, uncertain.log)]))
     dt = uncertain.log.dt
     for chart in found["fit"]:
         assert chart["left_out"] == [[pytest.approx(9 * dt), pytest.approx(30 * dt)]]

@@ -26,7 +26,7 @@ import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.fitting.log_inspection import Inspection
-from replant.fitting.responses import Bode, StepResponse, frequencies
+from replant.fitting.responses import Bode, frequencies
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import accepted
 from replant.model.transfer_function import TransferFunction
@@ -35,7 +35,7 @@ from replant.numerics.limits import duration, file_path
 from replant.numerics.residuals import Correlations, periodogram
 from replant.online.runs.result import Clock, Result
 from replant.plotting import diagrams, style
-from replant.plotting.numbers import gain_unit, with_unit
+from replant.plotting.numbers import gain_unit
 from replant.plotting.over_time import SHOWN_SMALL, draw_panels
 from replant.plotting.style import INK, MEASURED, MODEL, MUTED, RESIDUAL, TRUTH, axes_for
 from replant.report import panels
@@ -101,7 +101,8 @@ def draw_fit(
         raise InvalidArgumentError(
             f"u and y must be the record of the result, {model.size} samples long, got {u.size} and {y.size}"
         )
-    drawn = draw_panels(axes, panels.fit_panels(result, u, y, dt, input_label, output_label))
+    inputs, outputs = panels.fit_panels(result, {input_label: u}, y, dt, output_label)
+    drawn = draw_panels(axes, inputs + outputs)
     style.legend(axes[1])
     return drawn
 
@@ -134,7 +135,7 @@ def draw_transients(
     dt, count = duration("dt", dt), result.structure.size
     input_label, output_label = _labels(input_label, output_label)
     true = None if truth is None else owned("truth", truth, (count,)).tolist()
-    shown = panels.estimate_panels(result, dt, true, input_label, output_label)
+    shown = panels.estimate_panels(result, dt, true, panels.plant_input(result, input_label), output_label)
     drawn = draw_panels(_for_parameters(axes, count, 1.3), shown, SHOWN_SMALL, titled=True)
     style.legend(drawn[0])
     return drawn
@@ -143,6 +144,12 @@ def draw_transients(
 def _labels(input_label: str, output_label: str) -> tuple[str, str]:
     """Return the labels of input and output, checked."""
     return text("input_label", input_label), text("output_label", output_label)
+
+
+def _unit(result: Result, input_label: str, output_label: str) -> str:
+    """Return the unit of the gain from the mapped input."""
+    input_label, output_label = _labels(input_label, output_label)
+    return gain_unit(panels.plant_input(result, input_label), output_label)
 
 
 def _several(results: Mapping[str, Result], reference: str | None = None) -> tuple[dict[str, Result], str]:
@@ -309,12 +316,7 @@ def draw_bode(
     """
     result, dt = instance("result", result, Result), duration("dt", dt)
     truth = instance("truth", truth, TransferFunction, None)
-    input_label, output_label = _labels(input_label, output_label)
-    with np.errstate(all="ignore"):
-        found = result.model.bode(frequencies(result.transfer_function, dt))
-    true = None if truth is None else Bode.of(truth, None, dt, found.frequency)
-    unit = gain_unit(panels.plant_input(result, input_label), output_label)
-    return diagrams.draw_bode({"model": found}, axes, truth=true, unit=unit)
+    return panels.draw_bode_of(result.model, dt, axes, truth=truth, unit=_unit(result, input_label, output_label))
 
 
 def draw_responses(
@@ -368,13 +370,7 @@ def draw_step(
         With the unit in brackets at the end, if it is known.
     """
     result, truth = instance("result", result, Result), instance("truth", truth, TransferFunction, None)
-    input_label, output_label = _labels(input_label, output_label)
-    (axis,) = axes_for("ax", ax, 1, (6.2, 3.4))
-    with np.errstate(all="ignore"):
-        step = result.model.step()
-    true = None if truth is None else StepResponse.of(truth, None, step.time).output
-    what = with_unit("step response", gain_unit(panels.plant_input(result, input_label), output_label))
-    return diagrams.draw_response(step.time, step.output, step.std, what, axis, true)
+    return panels.draw_step_of(result.model, ax, truth=truth, unit=_unit(result, input_label, output_label))
 
 
 def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, ax: Any = None) -> Any:

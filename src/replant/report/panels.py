@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from replant.fitting.log_inspection import Inspection
 from replant.fitting.model import Model
+from replant.fitting.responses import Bode, StepResponse, frequencies
 from replant.model.interop import unit_of
+from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Clock, History, Result
 from replant.plotting import diagrams, style
 from replant.plotting.numbers import mapped_label, symbols, with_unit
-from replant.plotting.over_time import POINTS, SHOWN, Curve, Panel, Thinned, constant, draw_panel, thin
+from replant.plotting.over_time import POINTS, SHOWN, Curve, Panel, constant, draw_panel, thin
 from replant.report.findings import Excitation
 from replant.verdict import WORST_CONDITION
 
@@ -31,57 +34,44 @@ def plant_input(result: Result, label: str) -> str:
 
 
 def fit_panels(
-    result: Result, u: FloatArray, y: FloatArray, dt: float, input_label: str, output_label: str
-) -> list[Panel]:
-    """Return input, measured and simulated output, and the residual; ``u`` and ``y`` may be the newest samples."""
+    result: Result, inputs: Mapping[str, FloatArray], y: FloatArray, dt: float, label: str, number: str = ""
+) -> tuple[list[Panel], list[Panel]]:
+    """Return the inputs by their labels, and the measured and simulated output called ``label`` above the residual.
+
+    If the signals are but the newest samples, those of the overview are drawn.  ``number`` distinguishes the outputs of
+    a page.
+    """
     clock, shown, samples = result.clock_of(dt), result.overview, result.simulation.output.size
-    given, *outputs = (thin(each, POINTS) for each in (u, y, result.simulation.output, result.residual(y)))
+    signals = [thin(each, POINTS) for each in (*inputs.values(), y, result.simulation.output, result.residual(y))]
     if shown is not None:
-        given, outputs, samples = shown.input, [shown.output, shown.model, shown.residual], shown.samples
-    whole = whole_record(clock, samples, result.left_out_over_time(dt))
-    inputs = input_panel(input_label, clock, given, result.model.input_hold, "input", whole)
-    return [inputs, *model_panels(output_label, clock, outputs, "", whole)]
-
-
-def whole_record(clock: Clock, samples: int, left_out: FloatArray) -> dict[str, Any]:
-    """Return the common fields of a record's panels: its ends, the stretches left out and the gaps, in s."""
+        signals, samples = [shown.input, shown.output, shown.model, shown.residual], shown.samples
     ends = (0.0, float(clock.at(max(1, samples - 1))))
-    return {"ends": ends, "left_out": left_out, "gaps": clock.gaps.mean(axis=1)}
-
-
-def input_panel(label: str, clock: Clock, u: Thinned, hold: str, name: str, whole: dict[str, Any]) -> Panel:
-    """Return an input over time."""
-    kind = "line" if hold == "foh" else "step"
-    given = [Curve(clock.at(u.places), u.values, "input", style.INPUT, kind=kind, width=0.9)]
-    return Panel(label, given, limits=style.output_limits(u.values), name=name, **whole)
-
-
-def model_panels(
-    label: str, clock: Clock, signals: Sequence[Thinned], number: str, whole: dict[str, Any]
-) -> list[Panel]:
-    """Return output, model and residual in two panels; ``number`` distinguishes the outputs of a page."""
-    t = clock.at(signals[0].places)
-    y, model, residual = (each.values for each in signals)
+    whole: Any = {"ends": ends, "left_out": result.left_out_over_time(dt), "gaps": clock.gaps.mean(axis=1)}
+    kind, given = "line" if result.model.input_hold == "foh" else "step", []
+    for name, u in zip(inputs, signals, strict=False):
+        curve = Curve(clock.at(u.places), u.values, "input", style.INPUT, kind=kind, width=0.9)
+        given.append(Panel(name, [curve], limits=style.output_limits(u.values), name="input", **whole))
+    t, (measured, model, residual) = clock.at(signals[-3].places), (each.values for each in signals[-3:])
     outputs = [
-        Curve(t, y, "measured", style.MEASURED, width=2.2),
+        Curve(t, measured, "measured", style.MEASURED, width=2.2),
         Curve(t, model, "model, from the input alone", width=1.0),
     ]
     left = [Curve(t, residual, "measured − model", style.RESIDUAL, width=0.8)]
-    limits, named = style.residual_limits(residual, y), with_unit("residual", unit_of(label))
-    return [
-        Panel(label, outputs, limits=style.output_limits(y, model), name=f"output{number}", **whole),
+    limits, named = style.residual_limits(residual, measured), with_unit("residual", unit_of(label))
+    return given, [
+        Panel(label, outputs, limits=style.output_limits(measured, model), name=f"output{number}", **whole),
         Panel(named, left, limits=limits, name=f"residual{number}", has_zero=True, **whole),
     ]
 
 
-def part_panel(label: str, t: FloatArray, parts: Mapping[str, FloatArray], number: str, whole: dict[str, Any]) -> Panel:
-    """Return the contribution of each input to an output, by the names of the inputs."""
+def part_panel(output: Panel, parts: Mapping[str, FloatArray], number: str) -> Panel:
+    """Return the contribution of each input to the output of a panel, by the names of the inputs."""
     curves = [
-        Curve(t, part, name, colour, width=1.1, dashes=dashes)
+        Curve(output.curves[0].t, part, name, colour, width=1.1, dashes=dashes)
         for (name, part), (colour, dashes) in zip(parts.items(), style.LINES, strict=False)
     ]
-    limits, named = style.output_limits(*parts.values()), with_unit("part of each input", unit_of(label))
-    return Panel(named, curves, limits=limits, name=f"part{number}", has_zero=True, **whole)
+    limits, named = style.output_limits(*parts.values()), with_unit("part of each input", unit_of(output.label))
+    return replace(output, label=named, curves=curves, limits=limits, name=f"part{number}", has_zero=True)
 
 
 def first_estimate(history: History) -> int:
@@ -100,8 +90,8 @@ def estimates(history: History) -> FloatArray:
 def estimate_panels(
     result: Result, dt: float, truth: Sequence[float] | None, input_label: str, output_label: str
 ) -> list[Panel]:
-    """Return the estimate of each parameter over time."""
-    labels = symbols(result.structure, plant_input(result, input_label), output_label)
+    """Return the estimate of each parameter over time; ``input_label`` is that of the mapped input."""
+    labels = symbols(result.structure, input_label, output_label)
     names, history = [f"parameter-{name}" for name in result.structure.names], result.history
     if history is None or not history.samples.size:
         return [Panel(label, [], name=name, words="no history") for label, name in zip(labels, names, strict=True)]
@@ -230,6 +220,22 @@ def draw_steps(models: Mapping[str, Model], axis: Any) -> None:
         curves.append(Curve(step.time, step.output, name, colour, std, dashes=dashes))
     draw_panel(axis, Panel("", curves, (0.0, longest)))
     axis.set(xlabel="time [s]", ylabel="step response")
+
+
+def draw_bode_of(model: Model, dt: float, axes: Any, *, truth: TransferFunction | None = None, unit: str = "") -> Any:
+    """Draw magnitude and phase of a model up to the Nyquist frequency of ``dt`` into two axes; return them."""
+    with np.errstate(all="ignore"):
+        found = model.bode(frequencies(model.transfer_function, dt))
+    true = None if truth is None else Bode.of(truth, None, dt, found.frequency)
+    return diagrams.draw_bode({"model": found}, axes, truth=true, unit=unit)
+
+
+def draw_step_of(model: Model, axis: Any, *, truth: TransferFunction | None = None, unit: str = "") -> Any:
+    """Draw the response of a model to a unit step into an axis; return it."""
+    with np.errstate(all="ignore"):
+        step = model.step()
+    true = None if truth is None else StepResponse.of(truth, None, step.time).output
+    return diagrams.draw_response(step.time, step.output, step.std, with_unit("step response", unit), axis, true)
 
 
 def draw_poles_of(models: Mapping[str, Model], ax: Any = None, *, truth: Any = None) -> Any:

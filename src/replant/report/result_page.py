@@ -1,10 +1,11 @@
-"""The report of a result as one self-contained HTML page."""
+"""The report of one output or several, each with one input or several, as one self-contained HTML page."""
 
 from __future__ import annotations
 
 import html
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +14,22 @@ import numpy as np
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.optimizers import RecursiveLeastSquares
 from replant.estimation.settings import Settings
+from replant.fitting.model import Model
 from replant.fitting.search_result import SearchResult
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model.preprocess import Preprocess
 from replant.online.runs.result import Result
-from replant.plotting.diagrams import draw_correlation, draw_validation
-from replant.plotting.numbers import gain_unit, mathml, number, of_integrator, percent, uncertain, with_unit
+from replant.plotting import style
+from replant.plotting.diagrams import ABOVE_LEGEND, draw_correlation, draw_validation
+from replant.plotting.numbers import mathml, number, of_integrator, percent, uncertain, with_unit
 from replant.report import contents as tables
-from replant.report import figures, results_as_text
 from replant.report import page_frame as page
-from replant.report.contents import Material
+from replant.report import results_as_text
+from replant.report.figures import draw_spectrum
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
+from replant.report.outputs import Output, on_grid, panels_of
+from replant.report.panels import draw_bode_of, draw_poles_of, draw_step_of
 from replant.report.python_programs import run_as_python
 from replant.verdict.verdict import percent as share
 
@@ -43,7 +48,7 @@ def section(validations: Sequence[tuple[str, Validation]]) -> str:
         said = f"{name}: measured output and the model's, {found.how}, with offset and initial state estimated. "
         said += " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in found.verdict.reasons)
         axes = draw_validation(found, size=(page.WHOLE, 4.6))
-        pictures.append(drawn(said, page.svg(axes[0].figure, f"other{place}", said)))
+        pictures.append(figure(said, page.svg(axes[0].figure, f"other{place}", said)))
     listed = page.table(HEADINGS, rows, "Validation on other logs", "table wide")
     return page.section("On other logs", listed, *pictures) if rows else ""
 
@@ -52,6 +57,7 @@ NO_MODEL = "<p>G(s) could not be estimated.</p>"
 DO_NOT_USE = page.note("Do not use this model: see the verdict above.")
 CONTRADICTED = page.note("The samples contradict this model: see the verdict above.")
 BESIDE = 3  # most poles of a G(s) that is short enough to be beside the key figures [count]
+SMALLEST = 2.6  # least width of a picture of a matrix [inches]
 
 
 def write_report(
@@ -62,95 +68,186 @@ def write_report(
     filter: StateVariableFilter | None = None,  # noqa: A002 - the field's word
     preprocess: Preprocess | None = None,
     truth: Sequence[float] | None = None,
-    command: str = "",
-    python: str = "",
-    title: str = "",
     candidates: SearchResult | None = None,
-    validations: Sequence[tuple[str, Validation]] = (),
-    advice: tuple[str, str] | None = None,
+    **about: Any,
 ) -> Path:
     """Write the report of ``result`` into one self-contained HTML file, and return its path."""
     settings = result.settings
     if settings is not None:
         filter, preprocess = filter or result.fixed_filter, preprocess or settings.preprocess  # noqa: A001
-        python = python or run_as_python(result, log)
-    material, found = Material(result, log, filter, preprocess or Preprocess(), truth), findings(result, len(log))
-    note = CONTRADICTED if found[0].gravity == BAD else ""
-    part = ("", result.model, material.plant_label, log.output_name)
+        about["python"] = about.get("python") or run_as_python(result, log)
+    output = Output(result, log, filter, preprocess or Preprocess(), truth)
+    return write_outputs(path, [output], candidates="" if candidates is None else candidates_of(candidates), **about)
+
+
+def write_outputs(
+    path: Path,
+    outputs: Sequence[Output],
+    *,
+    command: str = "",
+    python: str = "",
+    title: str = "",
+    candidates: str = "",
+    validations: Sequence[tuple[str, Validation]] = (),
+    advice: tuple[str, str] | None = None,
+) -> Path:
+    """Write the report of ``outputs`` into one self-contained HTML file, and return its path."""
+    several, models = len(outputs) > 1, [model for output in outputs for model in output.models]
+    alone = len(models) == 1
     with page.look(), np.errstate(all="ignore"):  # values that are not finite are reported as text
-        plots = page.charts_of(material.panels)
+        found = [findings(each.fitted, len(each.log)) for each in outputs]
+        panels, said = panels_of(outputs), tables.captions(outputs)
+        plots = page.charts_of(panels)
+
+        def over_time(name: str) -> str:
+            drawn = panels[name]
+            return figure(said[name], page.time_picture(name, drawn, said[name]), plots=plots[name]) if drawn else ""
+
+        parameters, excitation = over_time("parameters"), over_time("excitation")
+        is_long = alone and models[0].structure.poles > BESIDE
         fields = {
-            "verdict": verdict_of(found, advice),
-            "model_note": note if all(each.usable for each in found) else DO_NOT_USE,
-            "long": " long" if result.structure.poles > BESIDE else "",
-            "math": mathml(result.transfer_function) if result.has_model else NO_MODEL,
-            "figures": _figures(material),
+            "verdicts": "".join(
+                verdict_of(each, advice, output.name if several else "")
+                for each, output in zip(found, outputs, strict=True)
+            ),
+            "kind": " rows" if not alone else " long" if is_long else "",
+            "models": "".join(_models(*each, alone=alone) for each in zip(outputs, found, strict=True)),
+            "columns": str(len(outputs[0].models)),
+            "figures": "".join(_figures(each, several=several) for each in outputs),
             "zoom": page.asset("zoom.html"),
-            **_pictures(material, plots),
-            "pole_table": tables.poles(material),
+            "fit": over_time("fit"),
+            "left": "".join(_left(k, each, several=several) for k, each in enumerate(outputs)),
+            "transients": f"<h3>Parameter estimates</h3>{parameters}" if parameters else "",
+            "dynamics": _dynamics(outputs, models, said),
             "other_logs": section(validations),
-            "candidates": "" if candidates is None else candidates_of(candidates),
-            "coefficients": page.folded("Coefficients", tables.coefficients([part], truth)),
+            "candidates": candidates,
+            "coefficients": page.folded("Coefficients", tables.coefficients(models, outputs[0].truth)),
+            "spectrum": page.folded("Spectrum of what is left", _spectra(outputs)),
+            "excitation": page.folded("Excitation", excitation) if excitation else "",
             "reproduce": page.folded("How to reproduce this", reproduction(command, python)),
-            "origin": page.folded("Record and versions", tables.origin(material)),
+            "origin": page.folded("Record and versions", tables.origin(outputs)),
         }
-    title = title or log.path.name or "Simulated record"
-    return with_plots(path, "report.html", fields, plots, title=title, lede=_lede(material))
-
-
-def with_plots(path: Path, template: str, fields: dict[str, str], plots: Any, *, title: str, lede: str) -> Path:
-    """Write a report from its template, with the data of its plots and the scripts for them."""
     library, css = page.uplot()
     return page.write_page(
-        path, title=title, eyebrow="Identified model", lede=lede, body=page.filled(template, fields), css=css,
-        data=plots, scripts=(library, page.script("format.js", "chart.js", "report.js")),
+        path, title=title or outputs[0].log.path.name or "Simulated record", eyebrow="Identified model",
+        lede=_lede(outputs), body=page.filled("report.html", fields), css=css, data=plots,
+        scripts=(library, page.script("format.js", "chart.js", "report.js")),
     )  # fmt: skip
 
 
-def candidates_of(found: SearchResult) -> str:
-    """Return the folded table of a search, with a note on the candidates that it omits."""
-    tried = page.table(results_as_text.HEADINGS, results_as_text.rows_of(found), "Structures tried", "table wide")
-    return page.folded("Structures tried", tried + (page.note(found.rest) if found.rest else ""))
+def _lede(outputs: Sequence[Output]) -> str:
+    first, names = outputs[0], ", ".join(each.name for each in outputs)
+    how, log = "", first.log
+    if isinstance(first.fitted, Result):
+        how = ", fitted to the whole record"
+        if (run := first.fitted).history is not None:
+            how = ", identified online" + (f" by {_method(run.settings)}" if run.settings else "")
+    return f"{', '.join(log.input_names)} → {names}{how}; {len(log):,} samples, {tables.lasts(log)}"
 
 
-def _pictures(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
-    """Return the figures, each with its caption."""
-    result, dt, found, said = material.result, material.log.dt, material.correlations, tables.captions(material)
-    truth = None if material.truth is None else result.structure.transfer_function(np.array(material.truth))
-    of: dict[str, Any] = {"truth": truth, **material.labels}
-    residual = tables.on_grid(material.residual, material.log)
-
-    def still(name: str, height: float, draw: Callable[[Any], object], width: float = page.HALF, **more: Any) -> str:
-        return drawn(said[name], page.picture(name, said[name], (width, height), draw, **more))
-
-    def over_time(name: str) -> str:
-        panels = material.panels[name]
-        return drawn(said[name], page.time_picture(name, panels, said[name]), plots[name]) if panels else ""
-
-    def draw_bode(axes: Any) -> None:
-        figures.draw_bode(result, dt, axes=axes, **of)
-
-    parameters = over_time("parameters")
-    spectrum = still("spectrum", 2.9, lambda axis: figures.draw_spectrum(result.noise, residual, dt, ax=axis))
-    return {
-        "fit": over_time("fit"),
-        "transients": f"<h3>Parameter estimates</h3>{parameters}" if parameters else "",
-        "excitation": page.folded("Excitation", over_time("excitation")),
-        "auto": still("auto", 2.3, lambda axis: draw_correlation(found, dt, axis)),
-        "cross": still("cross", 2.3, lambda axis: draw_correlation(found, dt, axis, "input")),
-        "poles": still("poles", 4.2, lambda axis: figures.draw_poles_and_zeros(result, truth=truth, ax=axis)),
-        "bode": still("bode", 4.2, draw_bode, rows=2, height_ratios=(3, 2)),
-        "step": still("step", 2.6, lambda axis: figures.draw_step(result, ax=axis, **of), width=page.WHOLE),
-        "spectrum": page.folded("Spectrum of what is left", spectrum),
-    }
+def _models(output: Output, found: Sequence[Finding], *, alone: bool) -> str:
+    """Return each G(s) of an output, and whether it may be used."""
+    said = CONTRADICTED if found[0].gravity == BAD else ""
+    said = said if all(each.usable for each in found) else DO_NOT_USE
+    parts = []
+    for model in output.models:
+        name = "Transfer function" if alone else f"G(s), {tables.way(model)}"
+        formula = mathml(model.transfer_function) if output.result.has_model and model.parameters.any() else NO_MODEL
+        region = f'<div class="math" tabindex="0" role="region" aria-label="{html.escape(name)}">{formula}</div>'
+        parts.append(f"<div>{'' if alone else page.note(tables.way(model))}{region}{said}</div>")
+    return "".join(parts)
 
 
-def drawn(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
-    """Return a figure: static pictures and, if there are plots, elements for the zoomable ones."""
-    columns = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
-    live = f'<div class="live{columns}">{"".join(map(_room, plots))}</div>' if plots else ""
+def _figures(output: Output, *, several: bool) -> str:
+    """Return the key figures."""
+    result, of = output.result, f"{output.name}: " if several else ""
+    entries = [
+        (percent(result.simulation.fit), f"{of}fit, {output.how}"),
+        (percent(result.one_step), f"{of}fit, one step ahead"),
+    ]
+    for model in output.models if len(output.models) == 1 else ():
+        gain, known = model.transfer_function.dc_gain, model.uncertainty
+        std = None if known is None else known.dc_gain_std
+        entries.append(
+            (uncertain(gain, std), of + with_unit("DC gain", tables.unit_of_gain(model)) + of_integrator(gain, std))
+        )
+    entries.append((f"{result.used:,}", f"{of}samples used"))
+    return page.key_figures(entries) + ("<div></div>" if several and len(entries) < 4 else "")
+
+
+def _left(place: int, output: Output, *, several: bool) -> str:
+    """Return the residual's correlation with itself and with each input."""
+    parts, found = [f"<h3>{html.escape(output.name)}</h3>" if several else ""], output.correlations
+    for i, (name, each) in enumerate([("", next(iter(found.values()))), *found.items()]):
+        said = tables.correlation_in_words(each, name) + tables.on_clock(output)
+        draw = partial(draw_correlation, each, output.log.dt, name=name)
+        parts.append(figure(said, page.picture(f"left{place}-{i}", said, (page.HALF, 2.3), draw)))
+    return "".join(parts)
+
+
+def _spectra(outputs: Sequence[Output]) -> str:
+    """Return the spectrum of each residual."""
+    parts = []
+    for k, output in enumerate(outputs):
+        said = (f"{output.name}: " if len(outputs) > 1 else "") + tables.of_spectrum(output)
+
+        def draw(axis: Any, output: Output = output) -> None:
+            draw_spectrum(output.result.noise, on_grid(output.residual, output.log), output.log.dt, ax=axis)
+
+        parts.append(figure(said, page.picture(f"spectrum{k}", said, (page.HALF, 2.9), draw)))
+    return "".join(parts)
+
+
+def _dynamics(outputs: Sequence[Output], models: Sequence[Model], said: dict[str, str]) -> str:
+    """Return the section on dynamics: a picture of each kind and pair of input and output, and tables."""
+    alone, columns, dt = len(models) == 1, max(len(outputs[0].models), 2), outputs[0].log.dt
+    true = outputs[0].truth
+    truth = None if true is None else outputs[0].result.structure.transfer_function(np.array(true))
+
+    def pictures(name: str, words: str, height: float, draw: Callable[[Any, Model], object], **layout: Any) -> str:
+        cells, width = [], 2.0 * page.HALF / columns
+        for k, model in enumerate(models):
+
+            def titled(axes: Any, model: Model = model) -> None:
+                draw(axes, model)
+                if not alone:
+                    style.title(np.ravel(axes)[0], tables.way(model), ABOVE_LEGEND)
+
+            size = (page.WHOLE if alone and name == "step" else max(SMALLEST, width), height)
+            row, column = divmod(k, len(outputs[0].models))
+            one = said[name] if alone else f"{words} from {model.input_name} to {model.output_name}"
+            cells.append(page.picture(f"{name}{row}-{column}", one, size, titled, **layout))
+        heading = "" if alone and name != "step" else f"<h3>{words}{'' if alone else 's'}</h3>"
+        return heading + figure(said[name], "".join(cells), columns=0 if alone else columns)
+
+    def bode(axes: Any, model: Model) -> None:
+        draw_bode_of(model, dt, axes, truth=truth, unit=tables.unit_of_gain(model))
+
+    def poles(axis: Any, model: Model) -> None:
+        draw_poles_of({model.input_name: model}, axis, truth=truth)
+
+    def step(axis: Any, model: Model) -> None:
+        draw_step_of(model, axis, truth=truth, unit=tables.unit_of_gain(model))
+
+    beside = ' class="pair"' if alone else ""
+    curves = pictures("bode", "Bode diagram", 4.2, bode, rows=2, height_ratios=(3, 2))
+    return (
+        ("" if alone else f'<div class="tables">{tables.gains(models)}</div>')
+        + f"<div{beside}>{curves}{pictures('poles', 'Pole-zero map', 4.2 if alone else 3.0, poles)}</div>"
+        + pictures("step", "Step response", 2.6, step)
+        + f'<div class="tables"><h3>Poles and zeros</h3>{tables.poles_and_zeros(models)}</div>'
+    )
+
+
+def figure(said: str, picture: str, *, plots: Sequence[dict[str, Any]] = (), columns: int = 0) -> str:
+    """Return a figure: static pictures, in ``columns`` if given, and elements for zoomable plots."""
+    halves = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
+    live = f'<div class="live{halves}">{"".join(map(_room, plots))}</div>' if plots else ""
     kind = ' class="both"' if plots else ""
-    return f'<figure{kind}>{live}<div class="still">{picture}</div><figcaption>{page.words(said)}</figcaption></figure>'
+    still = f'panels" style="--columns:{columns}' if columns else "still"
+    return (
+        f'<figure{kind}>{live}<div class="{still}">{picture}</div><figcaption>{page.words(said)}</figcaption></figure>'
+    )
 
 
 def _room(plot: dict[str, Any]) -> str:
@@ -163,14 +260,6 @@ def _room(plot: dict[str, Any]) -> str:
         f'<div class="plot" id="{name}" tabindex="0" role="group" aria-label="{label} over time. {keys}" '
         f'style="height:{plot["height"]}px">{nothing}</div></div>'
     )
-
-
-def _lede(material: Material) -> str:
-    result, log = material.result, material.log
-    how = "fitted to the whole record"
-    if result.history is not None:
-        how = "identified online" + (f" by {_method(result.settings)}" if result.settings else "")
-    return f"{log.input_name} → {log.output_name}, {how}; {len(log):,} samples, {tables.lasts(log)}"
 
 
 def _method(settings: Settings) -> str:
@@ -207,18 +296,10 @@ def verdict_of(found: Sequence[Finding], advice: tuple[str, str] | None, of: str
     )
 
 
-def _figures(material: Material) -> str:
-    """Return the key figures."""
-    result, known = material.result, material.result.uncertainty
-    unit = gain_unit(material.plant_label, material.log.output_name)
-    gain, gain_std = result.transfer_function.dc_gain, None if known is None else known.dc_gain_std
-    entries = [
-        (percent(result.simulation.fit), f"fit, {result.simulation.how}"),
-        (percent(result.one_step), "fit, one step ahead"),
-        (uncertain(gain, gain_std), with_unit("DC gain", unit) + of_integrator(gain, gain_std)),
-        (f"{result.used:,}", "samples used"),
-    ]
-    return page.key_figures(entries)
+def candidates_of(found: SearchResult) -> str:
+    """Return the folded table of a search, with a note on the candidates that it omits."""
+    tried = page.table(results_as_text.HEADINGS, results_as_text.rows_of(found), "Structures tried", "table wide")
+    return page.folded("Structures tried", tried + (page.note(found.rest) if found.rest else ""))
 
 
 def reproduction(command: str, python: str) -> str:
