@@ -68,7 +68,9 @@ def test_a_page_of_two_outputs_is_a_matrix(outputs: list[Output], tmp_path: Path
 def test_what_is_left_out_is_shaded_and_the_parts_add_up(outputs: list[Output]) -> None:
     one = outputs[0]
     assert np.isnan(one.residual[200])
-    before, outlier = one.left_out.tolist()  # the first three samples answer to inputs from before the record
+    before, outlier = one.result.left_out_over_time(
+        DT
+    ).tolist()  # the first three samples answer to inputs from before the record
     assert before == pytest.approx([0.0, 0.3])
     assert outlier[0] <= 20.0 <= outlier[1]
     assert np.flatnonzero(np.isnan(one.residual)).tolist() == [0, 1, 2, 200]

@@ -18,8 +18,9 @@ import pytest
 import replant as rp
 from replant.cli import main
 from replant.errors import MissingDependencyError
+from replant.fitting.model import Model
 from replant.report import result_page as module
-from replant.report.contents import captions
+from replant.report.contents import captions, poles_and_zeros
 from replant.report.findings import findings
 from replant.report.outputs import Output, panels_of
 from replant.report.page_frame import charts_of
@@ -177,6 +178,15 @@ def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     size = np.sqrt(np.mean((plain.log.output - plain.result.simulation.output) ** 2))
     assert f"root mean square of the residual is {size:.3g} rpm" in captions([without])["fit"]
     assert captions([without])["bode"].endswith("rpm/V.")
+
+
+def test_a_zero_of_unknown_spread_has_its_frequency_in_hertz() -> None:
+    """At a double zero the covariance is unbounded, also where that of the poles is known."""
+    parameters = [6.0, 11.0, 6.0, 1.0, 4.0, 4.0]  # (s + 2)^2 over (s + 1) (s + 2) (s + 3)
+    model = Model(rp.Structure(3, 2), parameters, 0.1, covariance=1e-4 * np.eye(6))
+    table = Page(poles_and_zeros([model])).text
+    assert "zero [rad/s] frequency [Hz] −2 0.3183" in table
+    assert "distance from 0" not in table
 
 
 def test_the_method_is_named(uncertain) -> None:

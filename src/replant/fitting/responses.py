@@ -68,7 +68,7 @@ class StepResponse(Shown):
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the response with its band of +-2 standard deviations, into ``ax`` if given; return its axes."""
-        return draw_response(self.time, self.output, self.std, self.WHAT, ax)
+        return draw_response({"model": self}, self.WHAT, ax)
 
     def __repr__(self) -> str:
         std = None if self.std is None or not self.std.size else float(self.std[-1])

@@ -25,7 +25,6 @@ from replant.fleet.worker import opened, result_of
 from replant.logs.table import listed
 from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number, rounded
-from replant.report.matrix_page import Output, write_rows
 from replant.report.page_frame import asset, filled, heading, icon, page, script, section, words
 from replant.report.result_page import write_report
 
@@ -293,11 +292,9 @@ def _write_report(job: Job, folder: Path, rig: Rig) -> int:
     assert log is not None
     about: dict[str, Any] = {"title": rig.name, "python": _program(rig.name, folder)}
     with replacing(folder / report_path(rig.name)) as new:
-        if isinstance(result, RowFit):
-            write_rows(new, [Output(result, log)], **about)
-        else:
-            preprocess = job.preprocess.resolve(log.input, log.output) if job.method == "fit" else None
-            write_report(new, result, log, preprocess=preprocess, **about)
+        resolved = job.method == "fit" and not isinstance(result, RowFit)
+        about["preprocess"] = job.preprocess.resolve(log.input, log.output) if resolved else None
+        write_report(new, result, log, **about)
     return 1
 
 

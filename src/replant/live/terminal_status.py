@@ -179,7 +179,7 @@ def _write(path: Path, identifier: Identifier, view: View) -> None:
 
 
 def _write_row(path: Path, identifier: RowIdentifier, view: View) -> None:
-    from replant.report.matrix_page import Output, write_rows
+    from replant.report.result_page import write_report
 
     found = identifier.fit_of_newest()
     if found is None:
@@ -192,7 +192,7 @@ def _write_row(path: Path, identifier: RowIdentifier, view: View) -> None:
         others=dict(zip(names[1:], more, strict=True)), more_inputs=names[1:],
     )  # fmt: skip
     shown = dataclasses.replace(found, model=found.model.of_log(names, view.output_label, view.source))
-    write_rows(path, [Output(shown, log)], command=f"live {view.source}")
+    write_report(path, shown, log, command=f"live {view.source}")
 
 
 def _result(identifier: Identifier, view: View, log: Log) -> Result:

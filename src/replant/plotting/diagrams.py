@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.numerics.arguments import FloatArray
-from replant.numerics.residuals import BAND_95, BAND_99, Correlations
+from replant.numerics.residuals import BAND_95, BAND_99, Correlations, periodogram
 from replant.plotting import style
 from replant.plotting.over_time import POINTS, Curve, Panel, draw_panel, thin
 
@@ -32,25 +32,30 @@ def true_curve(x: FloatArray, values: FloatArray) -> Curve:
     return Curve(x, values, "true", style.TRUE["color"], width=style.TRUE["lw"], dashes=style.TRUE["ls"])
 
 
-def draw_response(
-    time: FloatArray,
-    output: FloatArray,
-    std: FloatArray | None,
-    what: str,
-    ax: Any = None,
-    truth: FloatArray | None = None,
-) -> Any:
-    """Draw an output over time in s with a band of +-2 standard deviations, and the true one; return the axes."""
+def draw_response(responses: Mapping[str, Any], what: str, ax: Any = None, *, truth: Any = None) -> Any:
+    """Draw outputs over time in s with bands of +-2 standard deviations, and the true one; return the axes.
+
+    ``responses``, by the name of the model, have time, output and std as `replant.fitting.responses.StepResponse`.
+    """
     (axis,) = style.axes_for("ax", ax, 1, (6.2, 3.4))
-    curves = [Curve(time, output, "model", std=std, band="± 2σ", width=1.8)]
+    width, band = (1.8, "± 2σ") if len(responses) == 1 else (1.4, "")
+    curves, shown, ends = list[Curve](), [np.zeros(1)], (0.0, 0.0)
+    for (name, found), (colour, dashes) in zip(responses.items(), style.LINES, strict=False):
+        ends = float(found.time[0]), max(ends[1], float(found.time[-1]))
+        if style.is_drawable(found.output):
+            curves.append(Curve(found.time, found.output, name, colour, found.std, band, "line", width, dashes))
+            shown.append(found.output)
+    reached = [
+        each.values + sign * style.SIGMAS * each.std for each in curves if each.std is not None for sign in (-1, 1)
+    ]
+    limits = style.output_limits(np.concatenate(shown), *reached)
+    words = "" if curves else "the response of G(s) is not finite"
     if truth is not None:
-        curves.append(true_curve(time, truth))
-    reach = np.zeros(1) if std is None else style.SIGMAS * std
-    limits = style.output_limits(np.append(output, 0.0), output - reach, output + reach)
-    words = "" if style.is_drawable(output) else "the response of G(s) is not finite"
-    draw_panel(axis, Panel(what, curves, (float(time[0]), float(time[-1])), limits, words=words, has_zero=True))
+        curves.append(true_curve(truth.time, truth.output))
+    draw_panel(axis, Panel(what, curves, ends, limits, words=words, has_zero=True))
     axis.set(xlabel="time [s]", ylabel=what)
-    style.legend(axis)
+    if len(responses) == 1:
+        style.legend(axis)
     return axis
 
 
@@ -287,20 +292,25 @@ def draw_correlation(found: Correlations | None, dt: float, axis: Any, name: str
         axis.set_ylim(-reach, reach)
 
 
-def draw_spectrum(curves: Mapping[str, tuple[FloatArray, FloatArray]], ax: Any = None) -> Any:
-    """Draw power spectral densities per Hz over angular frequency: the residual's, then its model's."""
+def draw_spectrum(noise: Any, residual: FloatArray, dt: float, ax: Any = None) -> Any:
+    """Draw power spectral densities per Hz over angular frequency: the residual's, and that of a `NoiseModel`."""
     (axis,) = style.axes_for("ax", ax, 1, (4.8, 3.4))
     style.title(axis, "spectrum of the noise", ABOVE_LEGEND)
     axis.set(xlabel="angular frequency [rad/s]", ylabel="power per Hz")
     style.tidy(axis)
-    if not curves:
+    found = periodogram(residual, dt)
+    if found is None or not (found[1] > 0.0).any():
         style.say(axis, "too few samples, or no residual")
         return axis
     axis.set(
         xscale="log", yscale="log"
     )  # after `tidy`, whose formatter would hide the minor labels that less than a decade needs
-    for (label, (omega, density)), colour in zip(curves.items(), (style.MEASURED, style.MODEL), strict=False):
-        axis.plot(omega, density, color=colour, lw=1.6 if colour == style.MEASURED else 1.4, label=label)
+    axis.plot(*found, color=style.MEASURED, lw=1.6, label="residual")
+    if noise is not None and noise.variance > 0.0:
+        highest = math.pi / dt
+        omega = np.geomspace(max(found[0][0], 1e-3 * highest), highest, 300)
+        label = "white noise" if noise.is_white else f"model of order {noise.order}"
+        axis.plot(omega, noise.spectrum(omega), color=style.MODEL, lw=1.4, label=label)
     style.legend(axis)
     return axis
 

@@ -108,6 +108,18 @@ def axes_for(name: str, axes: Any, count: int, size: tuple[float, float], **layo
     return list(blank_figure(*size).subplots(**({"nrows": count, "squeeze": False} | layout)).ravel())
 
 
+def in_two_columns(count: int, width: float, rest: float, height: float) -> list[Any]:
+    """Return axes of a new figure in two columns; ``height`` is that of a row, ``rest`` that of all else [inches]."""
+    columns = min(count, 2)
+    rows = -(-count // columns)
+    grid = blank_figure(width, rest + height * rows).subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    for axis in grid[count:]:
+        axis.set_axis_off()
+    for axis in grid[:count][-columns:]:
+        axis.tick_params(labelbottom=True)
+    return list(grid[:count])
+
+
 def tidy(axis: Any) -> None:
     """Remove the top and right spine of an axis, set its colours and tick labels, and draw a grid."""
     from matplotlib.ticker import FuncFormatter, NullFormatter

@@ -29,7 +29,7 @@ from replant.report import page_frame as page
 from replant.report import python_programs
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, responses_of
 from replant.report.findings import BAD, GOOD, Finding, findings
-from replant.report.panels import draw_poles_of, draw_steps, output_panels
+from replant.report.panels import draw_poles_of, draw_step_of, output_panels
 from replant.report.results_as_text import OUTCOME, cells_of, gain_and_times, gravity_of
 from replant.verdict import Assessment, Simulation
 
@@ -315,7 +315,7 @@ class ModelComparison(Shown):
         output, step, magnitude, poles = axes_for("axes", axes, 4, (11.0, 7.0), nrows=2, ncols=2)
         results, log = results_of(self.contenders), self.log
         draw_panels([output], output_panels(results, log.output, log.dt, log.output_name)[:1], SHOWN_SMALL)
-        draw_steps(self.models, step)
+        draw_step_of(self.models, step)
         diagrams.draw_magnitude(magnitude, responses_of(results, log.dt, self.best), reference=self.best)
         draw_poles_of(self.models, poles)
         style.legend(output)
@@ -381,7 +381,7 @@ def write_models(path: Path, comparison: ModelComparison, command: str = "") -> 
     )
 
     def draw(axes: list[Any]) -> None:
-        draw_steps(comparison.models, axes[0])
+        draw_step_of(comparison.models, axes[0])
         draw_poles_of(comparison.models, axes[1])
 
     drawn = {"models0": "Response to a unit step of each model", "models1": "Poles of each model in the complex plane"}

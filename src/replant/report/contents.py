@@ -9,20 +9,19 @@ from importlib import metadata
 
 import numpy as np
 
-from replant.fitting.miso_fit import RowFit
 from replant.fitting.model import Model
 from replant.logs.log import Log, logs_in
 from replant.logs.recording import digest
 from replant.model.interop import unit_of
 from replant.model.preprocess import rejected_in_words
 from replant.numerics.residuals import Correlations
+from replant.online.runs.result import Result
 from replant.plotting import style
 from replant.plotting.diagrams import reach_of
 from replant.plotting.numbers import (
     MINUS,
     complex_number,
     duration,
-    gain_unit,
     number,
     off_by,
     percent,
@@ -31,7 +30,7 @@ from replant.plotting.numbers import (
 )
 from replant.report.outputs import Output
 from replant.report.page_frame import facts, note, table
-from replant.report.panels import first_estimate, regions
+from replant.report.panels import first_estimate, regions, unit_of_gain
 from replant.report.results_as_text import POLE, gain_and_times, modes_of, stds_of
 
 UNCERTAIN = "Estimate ± standard deviation."
@@ -44,24 +43,17 @@ def way(model: Model) -> str:
     return f"{model.input_name} → {model.output_name}"
 
 
-def unit_of_gain(model: Model) -> str:
-    """Return the unit of a model's gain; empty if unknown."""
-    return gain_unit(model.input_name, model.output_name)
-
-
 def coefficients(models: Sequence[Model], truth: Sequence[float] | None = None) -> str:
     """Return the table of coefficients with units, standard deviations and, if known, true values."""
-    headings, rows, values, stds = ["coefficient", "estimate"], list[list[str]](), list[float](), list[float | None]()
+    headings, rows, known = ["coefficient", "estimate"], [], any(model.uncertainty is not None for model in models)
     for model in models:
         before = f"{way(model)}: " if len(models) > 1 else ""
-        rows += [[before + symbol] for symbol in symbols(model.structure, model.input_name, model.output_name)]
-        values, stds = values + model.parameters.tolist(), stds + stds_of(model)
-    known = any(std is not None for std in stds)
-    for row, value, std in zip(rows, values, stds, strict=True):
-        row.append(uncertain(value, std))
+        names = symbols(model.structure, model.input_name, model.output_name)
+        for name, value, std in zip(names, model.parameters.tolist(), stds_of(model), strict=True):
+            rows.append([before + name, uncertain(value, std)])
     if truth is not None:
         headings += ["true", "off by"]
-        for row, value, true in zip(rows, values, truth, strict=True):
+        for row, value, true in zip(rows, models[0].parameters.tolist(), truth, strict=True):
             row += [number(float(true)), off_by(value, float(true)).replace("-", MINUS)]
     headings[1] += " ± std" if known else ""
     return table(headings, rows, "Coefficients") + note(UNCERTAIN if known else NO_STD)
@@ -79,25 +71,26 @@ def gains(models: Sequence[Model]) -> str:
 
 def poles_and_zeros(models: Sequence[Model]) -> str:
     """Return the tables of poles, with frequency, damping and time constant, and of zeros."""
-    several, poles, zeros, known = len(models) > 1, list[list[str]](), list[list[str]](), False
+    poles, zeros, several = list[list[str]](), list[tuple[list[str], complex, float | None]](), len(models) > 1
     for model in models:
-        where = [way(model)] if several else []
-        found = [complex_number(mode.pole) for mode in model.transfer_function.modes]
-        figures = zip(found, modes_of(model, uncertain), strict=True)
-        poles += [[*where, pole, *rest] for pole, rest in figures]
-        spread = {root: each for root, each in regions(model) if np.isfinite(each).all()}
-        known = known or bool(spread)
-        for zero in sorted((each for each in model.transfer_function.zeros.tolist() if each.imag >= 0), key=abs):
-            covariance = spread.get(zero)
-            std = None if covariance is None else math.sqrt(max(float(np.trace(covariance)), 0.0))
-            size = number(abs(zero) / math.tau) if std is None else uncertain(abs(zero), std)
-            zeros.append([*where, complex_number(zero), size])
-    where = ["from, to"] if several else []
-    listed = table([*where, *POLE], poles, "Poles")
+        where, g = [way(model)] if several else [], model.transfer_function
+        figures = zip(g.modes, modes_of(model, uncertain), strict=True)
+        poles += [[*where, complex_number(mode.pole), *rest] for mode, rest in figures]
+        spread = {
+            root: math.sqrt(max(float(np.trace(each)), 0.0)) for root, each in regions(model) if np.isfinite(each).all()
+        }
+        zeros += [(where, zero, spread.get(zero)) for zero in sorted(g.zeros.tolist(), key=abs) if zero.imag >= 0]
+    head = ["from, to"] if several else []
+    listed = table([*head, *POLE], poles, "Poles")
     if not zeros:
         return listed + (note("No zeros.") if all(model.structure.zeros == 0 for model in models) else "")
+    known = any(std is not None for *_, std in zeros)
     size = "distance from 0 ± std [rad/s]" if known else "frequency [Hz]"
-    return listed + table([*where, "zero [rad/s]", size], zeros, "Zeros")
+    rows = [
+        [*where, complex_number(zero), uncertain(abs(zero), std) if known else number(abs(zero) / math.tau)]
+        for where, zero, std in zeros
+    ]
+    return listed + table([*head, "zero [rad/s]", size], rows, "Zeros")
 
 
 def origin(outputs: Sequence[Output]) -> str:
@@ -144,6 +137,10 @@ def versions() -> str:
     return ", ".join([*found, f"Python {platform.python_version()}"])
 
 
+PARTS = (
+    " Offset and initial states are estimated. Below the output the contribution of each input, from rest at its first "
+    "value, as a deviation from the working point."
+)
 SEEN = 0.01  # shortest stretch that is visible in a picture [part of the record]
 
 
@@ -154,12 +151,11 @@ def captions(outputs: Sequence[Output]) -> dict[str, str]:
     of = "G(s)" if alone else "each G(s)"
     known = any(model.uncertainty is not None for model in models)
     dashed = "" if first.truth is None else " Dashed: the true plant."
-    gain = ""
-    if alone:
-        gain = f"{number(models[0].transfer_function.dc_gain)} {unit_of_gain(models[0])}".strip()
-        gain = f"; the DC gain is {gain}"
+    gain = f"{number(models[0].transfer_function.dc_gain)} {unit_of_gain(models[0])}".strip()
+    gain = f"; the DC gain is {gain}" if alone else ""
     return {
-        "fit": " ".join(_of_fit(each, several=len(outputs) > 1) for each in outputs) + _of_parts(first),
+        "fit": " ".join(_of_fit(each, several=len(outputs) > 1) for each in outputs)
+        + ("" if isinstance(first.fitted, Result) else PARTS),
         "parameters": _of_parameters(first),
         "excitation": _of_excitation(first),
         "poles": _of_poles(models, known=known, is_true=first.truth is not None),
@@ -186,15 +182,6 @@ def _of_fit(output: Output, *, several: bool) -> str:
     return (
         f"The model{of}, {output.how}, has a fit of {percent(result.simulation.fit)}; the root mean square of "
         f"the residual is {size}{newest}.{hidden if result.simulation.fit < 0 else ''}"
-    )
-
-
-def _of_parts(output: Output) -> str:
-    if not isinstance(output.fitted, RowFit):
-        return ""
-    return (
-        " Offset and initial states are estimated. Below the output the contribution of each input, from rest at its "
-        "first value, as a deviation from the working point."
     )
 
 

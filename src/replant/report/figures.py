@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +27,14 @@ import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.fitting.log_inspection import Inspection
+from replant.fitting.model import Model
 from replant.fitting.responses import Bode, frequencies
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import accepted
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray, instance, one_of, owned, record, text, vector
 from replant.numerics.limits import duration, file_path
-from replant.numerics.residuals import Correlations, periodogram
+from replant.numerics.residuals import Correlations
 from replant.online.runs.result import Clock, Result
 from replant.plotting import diagrams, style
 from replant.plotting.numbers import gain_unit
@@ -146,10 +148,10 @@ def _labels(input_label: str, output_label: str) -> tuple[str, str]:
     return text("input_label", input_label), text("output_label", output_label)
 
 
-def _unit(result: Result, input_label: str, output_label: str) -> str:
-    """Return the unit of the gain from the mapped input."""
+def _model(result: Result, input_label: str, output_label: str) -> Model:
+    """Return the model of a result with the labels of its mapped input and its output."""
     input_label, output_label = _labels(input_label, output_label)
-    return gain_unit(panels.plant_input(result, input_label), output_label)
+    return replace(result.model, input_name=panels.plant_input(result, input_label), output_name=output_label)
 
 
 def _several(results: Mapping[str, Result], reference: str | None = None) -> tuple[dict[str, Result], str]:
@@ -162,16 +164,7 @@ def _several(results: Mapping[str, Result], reference: str | None = None) -> tup
 
 def _for_parameters(axes: Any, count: int, rest: float) -> list[Any]:
     """Return the given axes, or those of a new figure in two columns; ``rest`` is its height without the rows."""
-    if axes is not None:
-        return style.given_axes("axes", axes, count)
-    columns = min(count, 2)
-    rows = -(-count // columns)
-    grid = style.blank_figure(9.0, rest + 1.9 * rows).subplots(rows, columns, sharex=True, squeeze=False)
-    for axis in grid.flat[count:]:
-        axis.set_axis_off()
-    for axis in grid.flat[:count][-columns:]:
-        axis.tick_params(labelbottom=True)
-    return list(grid.flat[:count])
+    return style.in_two_columns(count, 9.0, rest, 1.9) if axes is None else style.given_axes("axes", axes, count)
 
 
 def draw_overlay(
@@ -288,7 +281,7 @@ def draw_poles_and_zeros(result: Result, *, truth: TransferFunction | None = Non
         Drawn into; without it a figure is made.
     """
     result, truth = instance("result", result, Result), instance("truth", truth, TransferFunction, None)
-    return panels.draw_poles_of({"model": result.model}, ax, truth=truth)
+    return panels.draw_poles_of(result.model, ax, truth)
 
 
 def draw_bode(
@@ -316,7 +309,7 @@ def draw_bode(
     """
     result, dt = instance("result", result, Result), duration("dt", dt)
     truth = instance("truth", truth, TransferFunction, None)
-    return panels.draw_bode_of(result.model, dt, axes, truth=truth, unit=_unit(result, input_label, output_label))
+    return panels.draw_bode_of(_model(result, input_label, output_label), axes, truth, dt=dt)
 
 
 def draw_responses(
@@ -370,7 +363,7 @@ def draw_step(
         With the unit in brackets at the end, if it is known.
     """
     result, truth = instance("result", result, Result), instance("truth", truth, TransferFunction, None)
-    return panels.draw_step_of(result.model, ax, truth=truth, unit=_unit(result, input_label, output_label))
+    return panels.draw_step_of(_model(result, input_label, output_label), ax, truth)
 
 
 def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, ax: Any = None) -> Any:
@@ -387,15 +380,7 @@ def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, 
         Drawn into; without it a figure is made.
     """
     noise, dt = instance("noise", noise, NoiseModel, None), duration("dt", dt)
-    found = periodogram(vector("residual", residual), dt)
-    if found is None or not (found[1] > 0.0).any():
-        return diagrams.draw_spectrum({}, ax)
-    curves = {"residual": found}
-    if noise is not None and noise.variance > 0.0:
-        highest = math.pi / dt
-        omega = np.geomspace(max(found[0][0], 1e-3 * highest), highest, 300)
-        curves["white noise" if noise.is_white else f"model of order {noise.order}"] = (omega, noise.spectrum(omega))
-    return diagrams.draw_spectrum(curves, ax)
+    return diagrams.draw_spectrum(noise, vector("residual", residual), dt, ax)
 
 
 def save_columns(folder: Path, found: Inspection) -> Path | None:

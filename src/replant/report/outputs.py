@@ -90,11 +90,6 @@ class Output:
         """The times of the samples."""
         return self.result.clock_of(self.log.dt)
 
-    @property
-    def left_out(self) -> FloatArray:
-        """Begin and end of stretches left out, (L, 2) in s."""
-        return self.result.left_out_over_time(self.log.dt)
-
     @cached_property
     def parts(self) -> FloatArray:
         """The contribution of each input of a row to the output (K, q)."""

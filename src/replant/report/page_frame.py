@@ -243,12 +243,9 @@ def time_picture(name: str, drawn: Sequence[Panel], said: str) -> str:
 
 
 def _transients(drawn: Sequence[Panel], name: str, said: str) -> str:
-    rows = -(-len(drawn) // 2)
-    axes = blank_figure(WHOLE, 0.5 + 1.6 * rows).subplots(rows, 2, squeeze=False).ravel()
-    draw_panels(axes[: len(drawn)], drawn, SHOWN_SMALL, titled=True)
+    axes = style.in_two_columns(len(drawn), WHOLE, 0.5, 1.6)
+    draw_panels(axes, drawn, SHOWN_SMALL, titled=True)
     style.legend(axes[0])
-    for axis in axes[len(drawn) :]:
-        axis.set_axis_off()
     return svg(axes[0].figure, name, said)
 
 

@@ -17,8 +17,8 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Clock, History, Result
 from replant.plotting import diagrams, style
-from replant.plotting.numbers import mapped_label, symbols, with_unit
-from replant.plotting.over_time import POINTS, SHOWN, Curve, Panel, constant, draw_panel, thin
+from replant.plotting.numbers import gain_unit, mapped_label, symbols, with_unit
+from replant.plotting.over_time import POINTS, SHOWN, Curve, Panel, constant, thin
 from replant.report.findings import Excitation
 from replant.verdict import WORST_CONDITION
 
@@ -210,37 +210,36 @@ def column_panels(found: Inspection) -> list[Panel]:
     return panels
 
 
-def draw_steps(models: Mapping[str, Model], axis: Any) -> None:
-    """Draw the step response of each model with its band of two standard deviations."""
-    longest = max(float(model.step().time[-1]) for model in models.values())
-    curves = []
-    for (name, model), (colour, dashes) in zip(models.items(), style.LINES, strict=False):
-        step = model.step(longest)
-        std = None if step.std is None else np.minimum(step.std, 0.5 * (np.ptp(step.output) or 1.0))
-        curves.append(Curve(step.time, step.output, name, colour, std, dashes=dashes))
-    draw_panel(axis, Panel("", curves, (0.0, longest)))
-    axis.set(xlabel="time [s]", ylabel="step response")
-
-
-def draw_bode_of(model: Model, dt: float, axes: Any, *, truth: TransferFunction | None = None, unit: str = "") -> Any:
+def draw_bode_of(model: Model, axes: Any, truth: TransferFunction | None = None, *, dt: float) -> Any:
     """Draw magnitude and phase of a model up to the Nyquist frequency of ``dt`` into two axes; return them."""
     with np.errstate(all="ignore"):
         found = model.bode(frequencies(model.transfer_function, dt))
     true = None if truth is None else Bode.of(truth, None, dt, found.frequency)
-    return diagrams.draw_bode({"model": found}, axes, truth=true, unit=unit)
+    return diagrams.draw_bode({"model": found}, axes, truth=true, unit=unit_of_gain(model))
 
 
-def draw_step_of(model: Model, axis: Any, *, truth: TransferFunction | None = None, unit: str = "") -> Any:
-    """Draw the response of a model to a unit step into an axis; return it."""
+def draw_step_of(models: Model | Mapping[str, Model], ax: Any = None, truth: TransferFunction | None = None) -> Any:
+    """Draw the response of a model, or of each by its name, to a unit step; return the axes."""
+    named = models if isinstance(models, Mapping) else {"model": models}
     with np.errstate(all="ignore"):
-        step = model.step()
-    true = None if truth is None else StepResponse.of(truth, None, step.time).output
-    return diagrams.draw_response(step.time, step.output, step.std, with_unit("step response", unit), axis, true)
+        steps = {name: model.step() for name, model in named.items()}
+        if len(steps) > 1:
+            longest = max(float(step.time[-1]) for step in steps.values())
+            steps = {name: model.step(longest) for name, model in named.items()}
+    unit = unit_of_gain(next(iter(named.values())))
+    true = None if truth is None else StepResponse.of(truth, None, steps["model"].time)
+    return diagrams.draw_response(steps, with_unit("step response", unit), ax, truth=true)
 
 
-def draw_poles_of(models: Mapping[str, Model], ax: Any = None, *, truth: Any = None) -> Any:
-    """Draw the poles and zeros of each model with their 95 % regions; return the axes."""
-    plants = ((name, model.transfer_function, regions(model)) for name, model in models.items())
+def unit_of_gain(model: Model) -> str:
+    """Return the unit of a model's gain; empty if unknown."""
+    return gain_unit(model.input_name, model.output_name)
+
+
+def draw_poles_of(models: Model | Mapping[str, Model], ax: Any = None, truth: TransferFunction | None = None) -> Any:
+    """Draw the poles and zeros of a model, or of each by its name, with their 95 % regions; return the axes."""
+    named = models if isinstance(models, Mapping) else {"model": models}
+    plants = ((name, model.transfer_function, regions(model)) for name, model in named.items())
     return diagrams.draw_poles({name: (g.poles, g.zeros, known) for name, g, known in plants}, ax, truth=truth)
 
 

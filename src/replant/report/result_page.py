@@ -14,6 +14,7 @@ import numpy as np
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.optimizers import RecursiveLeastSquares
 from replant.estimation.settings import Settings
+from replant.fitting.miso_fit import RowFit
 from replant.fitting.model import Model
 from replant.fitting.search_result import SearchResult
 from replant.fitting.validation import Validation
@@ -21,15 +22,14 @@ from replant.logs.log import Log
 from replant.model.preprocess import Preprocess
 from replant.online.runs.result import Result
 from replant.plotting import style
-from replant.plotting.diagrams import ABOVE_LEGEND, draw_correlation, draw_validation
+from replant.plotting.diagrams import ABOVE_LEGEND, draw_correlation, draw_spectrum, draw_validation
 from replant.plotting.numbers import mathml, number, of_integrator, percent, uncertain, with_unit
 from replant.report import contents as tables
 from replant.report import page_frame as page
 from replant.report import results_as_text
-from replant.report.figures import draw_spectrum
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
 from replant.report.outputs import Output, on_grid, panels_of
-from replant.report.panels import draw_bode_of, draw_poles_of, draw_step_of
+from replant.report.panels import draw_bode_of, draw_poles_of, draw_step_of, unit_of_gain
 from replant.report.python_programs import run_as_python
 from replant.verdict.verdict import percent as share
 
@@ -62,7 +62,7 @@ SMALLEST = 2.6  # least width of a picture of a matrix [inches]
 
 def write_report(
     path: Path,
-    result: Result,
+    result: Result | RowFit,
     log: Log,
     *,
     filter: StateVariableFilter | None = None,  # noqa: A002 - the field's word
@@ -72,9 +72,8 @@ def write_report(
     **about: Any,
 ) -> Path:
     """Write the report of ``result`` into one self-contained HTML file, and return its path."""
-    settings = result.settings
-    if settings is not None:
-        filter, preprocess = filter or result.fixed_filter, preprocess or settings.preprocess  # noqa: A001
+    if isinstance(result, Result) and result.settings is not None:
+        filter, preprocess = filter or result.fixed_filter, preprocess or result.settings.preprocess  # noqa: A001
         about["python"] = about.get("python") or run_as_python(result, log)
     output = Output(result, log, filter, preprocess or Preprocess(), truth)
     return write_outputs(path, [output], candidates="" if candidates is None else candidates_of(candidates), **about)
@@ -169,7 +168,7 @@ def _figures(output: Output, *, several: bool) -> str:
         gain, known = model.transfer_function.dc_gain, model.uncertainty
         std = None if known is None else known.dc_gain_std
         entries.append(
-            (uncertain(gain, std), of + with_unit("DC gain", tables.unit_of_gain(model)) + of_integrator(gain, std))
+            (uncertain(gain, std), of + with_unit("DC gain", unit_of_gain(model)) + of_integrator(gain, std))
         )
     entries.append((f"{result.used:,}", f"{of}samples used"))
     return page.key_figures(entries) + ("<div></div>" if several and len(entries) < 4 else "")
@@ -181,7 +180,7 @@ def _left(place: int, output: Output, *, several: bool) -> str:
     for i, (name, each) in enumerate([("", next(iter(found.values()))), *found.items()]):
         said = tables.correlation_in_words(each, name) + tables.on_clock(output)
         draw = partial(draw_correlation, each, output.log.dt, name=name)
-        parts.append(figure(said, page.picture(f"left{place}-{i}", said, (page.HALF, 2.3), draw)))
+        parts.append(_still(f"left{place}-{i}", said, 2.3, draw))
     return "".join(parts)
 
 
@@ -190,53 +189,46 @@ def _spectra(outputs: Sequence[Output]) -> str:
     parts = []
     for k, output in enumerate(outputs):
         said = (f"{output.name}: " if len(outputs) > 1 else "") + tables.of_spectrum(output)
-
-        def draw(axis: Any, output: Output = output) -> None:
-            draw_spectrum(output.result.noise, on_grid(output.residual, output.log), output.log.dt, ax=axis)
-
-        parts.append(figure(said, page.picture(f"spectrum{k}", said, (page.HALF, 2.9), draw)))
+        residual = on_grid(output.residual, output.log)
+        parts.append(
+            _still(f"spectrum{k}", said, 2.9, partial(draw_spectrum, output.result.noise, residual, output.log.dt))
+        )
     return "".join(parts)
+
+
+def _still(name: str, said: str, height: float, draw: Callable[[Any], object]) -> str:
+    return figure(said, page.picture(name, said, (page.HALF, height), draw))
 
 
 def _dynamics(outputs: Sequence[Output], models: Sequence[Model], said: dict[str, str]) -> str:
     """Return the section on dynamics: a picture of each kind and pair of input and output, and tables."""
-    alone, columns, dt = len(models) == 1, max(len(outputs[0].models), 2), outputs[0].log.dt
-    true = outputs[0].truth
+    alone, columns, true = len(models) == 1, max(len(outputs[0].models), 2), outputs[0].truth
     truth = None if true is None else outputs[0].result.structure.transfer_function(np.array(true))
 
-    def pictures(name: str, words: str, height: float, draw: Callable[[Any, Model], object], **layout: Any) -> str:
-        cells, width = [], 2.0 * page.HALF / columns
+    def pictures(name: str, words: str, height: float, draw: Callable[..., object], **layout: Any) -> str:
+        size = (page.WHOLE if alone and name == "step" else max(SMALLEST, 2.0 * page.HALF / columns), height)
+        cells = []
         for k, model in enumerate(models):
 
             def titled(axes: Any, model: Model = model) -> None:
-                draw(axes, model)
+                draw(model, axes, truth)
                 if not alone:
                     style.title(np.ravel(axes)[0], tables.way(model), ABOVE_LEGEND)
 
-            size = (page.WHOLE if alone and name == "step" else max(SMALLEST, width), height)
             row, column = divmod(k, len(outputs[0].models))
             one = said[name] if alone else f"{words} from {model.input_name} to {model.output_name}"
             cells.append(page.picture(f"{name}{row}-{column}", one, size, titled, **layout))
         heading = "" if alone and name != "step" else f"<h3>{words}{'' if alone else 's'}</h3>"
         return heading + figure(said[name], "".join(cells), columns=0 if alone else columns)
 
-    def bode(axes: Any, model: Model) -> None:
-        draw_bode_of(model, dt, axes, truth=truth, unit=tables.unit_of_gain(model))
-
-    def poles(axis: Any, model: Model) -> None:
-        draw_poles_of({model.input_name: model}, axis, truth=truth)
-
-    def step(axis: Any, model: Model) -> None:
-        draw_step_of(model, axis, truth=truth, unit=tables.unit_of_gain(model))
-
-    beside = ' class="pair"' if alone else ""
-    curves = pictures("bode", "Bode diagram", 4.2, bode, rows=2, height_ratios=(3, 2))
-    return (
-        ("" if alone else f'<div class="tables">{tables.gains(models)}</div>')
-        + f"<div{beside}>{curves}{pictures('poles', 'Pole-zero map', 4.2 if alone else 3.0, poles)}</div>"
-        + pictures("step", "Step response", 2.6, step)
-        + f'<div class="tables"><h3>Poles and zeros</h3>{tables.poles_and_zeros(models)}</div>'
-    )
+    draw_bode = partial(draw_bode_of, dt=outputs[0].log.dt)
+    bode = pictures("bode", "Bode diagram", 4.2, draw_bode, rows=2, height_ratios=(3, 2))
+    poles = pictures("poles", "Pole-zero map", 4.2 if alone else 3.0, draw_poles_of)
+    step = pictures("step", "Step response", 2.6, draw_step_of)
+    first = f'<div class="pair">{bode}{poles}</div>{step}'
+    if not alone:
+        first = f'<div class="tables">{tables.gains(models)}</div>{step}{bode}{poles}'
+    return f'{first}<div class="tables"><h3>Poles and zeros</h3>{tables.poles_and_zeros(models)}</div>'
 
 
 def figure(said: str, picture: str, *, plots: Sequence[dict[str, Any]] = (), columns: int = 0) -> str:
