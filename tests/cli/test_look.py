@@ -169,8 +169,11 @@ def test_without_a_time_column_the_sampling_time_is_asked_for(capsys, tmp_path: 
     u = prbs(1000, hold=10)
     np.savez(tmp_path / "log.npz", u=u, y=TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.05))
     _, out, _ = call(capsys, "look", tmp_path / "log.npz")
-    assert out.splitlines()[-1].endswith("--dt 1")
-    assert "put the sampling time in s in place of --dt 1" in " ".join(out.split())
+    assert out.splitlines()[-1].endswith("--dt S")
+    assert "put the sampling time in s in place of S in --dt S" in " ".join(out.split())
+    code, _, err = call(capsys, *shlex.split(out.splitlines()[-1])[1:])
+    assert code == 2  # no number stands for a sampling time that nothing tells
+    assert "'S' is no number" in err
 
 
 @every(
@@ -186,8 +189,8 @@ def test_of_stamps_that_never_rise_it_is_said_what_they_do(capsys, tmp_path: Pat
     _, out, _ = call(capsys, "look", path, "-i", "u", "-o", "y")
     said = " ".join(out.split())
     assert words in said
-    assert "put the sampling time in s in place of --dt 1" in said
-    assert out.splitlines()[-1].endswith("--dt 1")
+    assert "put the sampling time in s in place of S in --dt S" in said
+    assert out.splitlines()[-1].endswith("--dt S")
 
 
 @every("command", ["run", "fit", "compare"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -254,6 +255,35 @@ def test_names_that_are_not_time() -> None:
         == []
     )
     assert unit_in_seconds("s") == unit_in_seconds("clock") == unit_in_seconds("t [rev]") == 1.0
+
+
+def in_digits(form: str, step: float, count: int) -> NDArray[np.float64]:
+    begin = datetime(2024, 5, 1, 23, 58)
+    return np.array([float(f"{begin + timedelta(seconds=step * k):{form}}") for k in range(count)])
+
+
+@every("step", [1.0, 10.0, 30.0, 60.0, 0.5])
+def test_dates_and_clock_times_written_as_one_number_are_no_count(step: float) -> None:
+    for name in ("t", "time_ms"):
+        unit = unit_of_stamps(name, in_digits("%Y%m%d%H%M%S.%f", step, 500))
+        assert unit.refused
+        assert "YYYYMMDDhhmmss" in unit.doubt
+        assert math.isnan(unit.seconds)  # no sampling time may follow from it
+    clock = unit_of_stamps("t", in_digits("%H%M%S.%f", step, 500))  # over midnight
+    assert clock.refused
+    assert "hhmmss" in clock.doubt
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1.0, 2.0, 5.0, 10.0, 20.0, 100.0, 0.1]))
+def test_a_count_with_pauses_is_not_taken_for_clock_times(seed: int, step: float) -> None:
+    """Also one with few rows, none of whose digits says that it is no clock time."""
+    rng = np.random.default_rng(seed)
+    pauses = step * rng.integers(0, 100, 30) * (rng.random(30) < 0.1)
+    stamps = rng.integers(0, 100) * step + np.cumsum(step + pauses)
+    steps = np.diff(stamps)
+    carries = np.isclose(steps - step, 40.0) | np.isclose(steps - step, 4040.0)
+    if not carries.any():
+        assert not unit_of_stamps("t", stamps).refused
 
 
 @every("origin", [45_413.0, 739_373.0], ids=["Excel", "MATLAB"])

@@ -35,6 +35,9 @@ FORMS = {
     "slashes, comma": "05/01/2024, 11:59:{:06.3f} PM",
     "dashes": "13-05-2024 23:59:{:06.3f}",
     "MATLAB": "01-May-2024 23:59:{:06.3f}",
+    "digits": "202405012359{:06.3f}",
+    "digits in two parts": "20240501 2359{:06.3f}",
+    "stopwatch": "59:{:06.3f}",
     "historian": "01-May-24 23:59:{:06.3f}",
     "points, two digits": "01.05.24 23:59:{:06.3f}",
     "clock": "23:59:{:06.3f}",
@@ -51,6 +54,19 @@ def test_stamps_become_exact_seconds(write: Write, form: str, mark: str) -> None
     assert log.dt == 0.001
     assert log.time is not None
     assert log.time.tolist() == [k / 1000 for k in range(39)]  # the closest float64 of each
+
+
+@every("clock", ["%H%M%S", "%H:%M:%S:000"], ids=["digits", "colon"])
+def test_a_clock_of_digits_beside_a_date_of_digits_goes_on_over_midnight(write: Write, clock: str) -> None:
+    stamps = [datetime(2024, 5, 1, 23, 58) + timedelta(seconds=k) for k in range(400)]
+    path = write("day;time;u;y\n" + "".join(f"{stamp:%Y%m%d;{clock}};1;2\n" for stamp in stamps))
+    assert read_columns(path).column("time").tolist() == list(range(400))
+
+
+def test_minutes_and_seconds_with_a_fraction_go_on_over_the_hour(write: Write) -> None:
+    for name in ("time", "time [mm:ss]"):
+        path = write(f"{name},u,y\n" + "".join(f"{k // 60 % 60}:{k % 60:02}.5,1,2\n" for k in range(7300)))
+        assert read_columns(path).column(0).tolist() == list(range(7300))
 
 
 def test_stamps_cross_midnight_months_and_leap_days(write: Write) -> None:

@@ -112,6 +112,7 @@ POLES = 2  # poles of the model that is suggested first [count]
 DEAD = 1.0  # least delay that is a dead time, not a slow begin [part of the time from there to half the response]
 CLEAR = 3.0  # delay from which on a search for the dead time is suggested [samples]
 TRIED = 6  # dead times that this search tries [count]
+UNKNOWN = "S"  # stands for a sampling time that nothing tells: no command runs with it
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,10 +293,10 @@ def options_of(found: Inspection) -> tuple[str, ...]:
 
 
 def clock_options(found: Inspection) -> tuple[str, ...]:
-    """Return the option that gives the sampling time, where the time column does not."""
+    """Return the option that gives the sampling time, where the time column does not; `UNKNOWN` if nothing tells it."""
     clock = found.clock
     if clock is None or math.isnan(clock.dt):
-        return ("--dt", "1")
+        return ("--dt", UNKNOWN)
     if clock.problem:
         return ("--dt", f"{clock.dt:.6g}")
     if clock.column is None or not (clock.guess or found.time_given):

@@ -204,8 +204,8 @@ def open_recording(
     irregularity, unit, doubt = "", StampUnit(1.0), ""
     if "time" in roles:
         stamps = arrays[-1]
-        interval, irregularity = interval_of(table, roles["time"], stamps)
         unit = checked_unit(table, roles["time"], stamps)
+        interval, irregularity = interval_of(table, roles["time"], stamps)
         doubt = f"column {table.names[roles['time']]!r}: {unit.doubt}; {unit.remedy}" if unit.doubt else ""
         step = float(f"{interval * unit.seconds:.12g}")
     assert step is not None

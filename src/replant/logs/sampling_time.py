@@ -255,6 +255,9 @@ def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
         doubt = f"the unit {shown(stated)} in its name is not one of s, ms, us, ns, min, h, d"
         return StampUnit(unit, doubt, True, f"write one of these, {_GIVE_DT}")
     finite = stamps[np.isfinite(stamps)]
+    if form := _digits_of(finite, is_clock=not known):
+        doubt = f"the digits of its stamps are {form}, no count of a unit of time"
+        return StampUnit(math.nan, doubt, True, f"write them as in 2024-05-01 10:00:00 or 10:00:00, {_GIVE_DT}")
     farthest = float(np.abs(finite).max()) if finite.size else 0.0
     if farthest * unit > LATEST:
         for seconds, words, short in _COUNTS:
@@ -279,6 +282,24 @@ def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
         remedy = f"if they are, name the column {_core(name)}_ms, {_GIVE_DT}"
         return StampUnit(unit, doubt, False, remedy)
     return StampUnit(unit)
+
+
+def _digits_of(stamps: FloatArray, *, is_clock: bool) -> str:
+    """Return how the digits of stamps (K,) are to be read if they are those of dates or clock times; else empty."""
+    hours, minutes, seconds = stamps // 1e4 % 100.0, stamps // 100.0 % 100.0, stamps % 100.0
+    if not stamps.size or not (hours.max() < 24.0 and minutes.max() < 60.0 and seconds.max() < 60.0):
+        return ""
+    parts = ((stamps // 1e10, 1970, 2100), (stamps // 1e8 % 100.0, 1, 12), (stamps // 1e6 % 100.0, 1, 31))
+    if all(least <= part.min() and part.max() <= most for part, least, most in parts):
+        return "YYYYMMDDhhmmss"
+    if not is_clock or stamps.size < 2 or stamps.min() < 0.0 or stamps.max() >= 240_000.0:
+        return ""
+    steps, true = np.diff(stamps), np.diff(3600.0 * hours + 60.0 * minutes + seconds) % 86_400.0
+    # the steps that are odd as a number, 41 from 59 to 100, are the usual one as clock times
+    usual = float(np.median(true))
+    odd = np.abs(steps - np.median(steps)) > 0.5 * usual
+    are_usual = np.abs(true[odd] - usual) <= 0.5 * usual
+    return "hhmmss" if odd.any() and are_usual.mean() >= MOSTLY else ""
 
 
 def _are_dates(stamps: FloatArray) -> bool:

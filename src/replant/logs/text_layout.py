@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 
 from replant.errors import LogError
@@ -54,9 +55,14 @@ def _stamps(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[int, St
             joined = find_format([joined_cell(row[dates[0]], row[column]) for row in rows])
             if joined is not None:
                 found[column] = replace(joined, date_column=dates[0])
-    if any(form.date_column is not None for form in found.values()):
-        del found[dates[0]]
     named = set(time_candidates(names))
+    for column, day in product(named - set(found), dates or range(len(names))):  # 20240501 and 235959 are numbers alone
+        joined = find_format([joined_cell(row[day], row[column]) for row in rows])
+        if joined is not None:
+            found[column] = replace(joined, date_column=day)
+    for form in list(found.values()):
+        if form.date_column is not None:
+            found.pop(form.date_column, None)
     return {column: form for column, form in found.items() if not named or column in named}
 
 

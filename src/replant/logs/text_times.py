@@ -24,7 +24,7 @@ _NANOSECOND = 1_000_000_000  # unit of the stamps [1/s]
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _DATE = (
     r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})(?P=mark)(?P<day>\d{1,2})"
-    r"|(?P<basic>\d{8})(?=T)"
+    r"|(?P<basic>\d{8})(?=[T_ ])"
     # a year of two digits needs points before it and a clock time after it: 10.05.07 alone may be a clock time
     r"|(?P<one>\d{1,2})(?P<sep>[-/.])(?P<other>\d{1,2})(?P=sep)(?P<local_year>\d{4}|(?<=\.)\d{2}(?=,? +\d))"
     rf"|(?P<named_day>\d{{1,2}})[- ](?P<name>{'|'.join(_MONTHS)})[a-z]*[- ](?P<named_year>\d{{4}}|\d{{2}}))"
@@ -33,9 +33,13 @@ _HEAD = re.compile(rf"(?:{_DATE}(?:(?:[T_]|,? +|,)|$))?(?:(?P<hour>\d{{1,4}}):(?
 # two numbers without a date are hours and minutes, unless the column's name says minutes and seconds
 _TWO = re.compile(r"\d{1,4}:\d{2}")
 _STATED = re.compile(r"(?<![:\w])(?:(?P<minutes>mm?:ss?)|hh?:mm?)(?![:\w])", re.IGNORECASE)
+# a fraction behind two numbers is one of seconds
+_STOPWATCH = re.compile(r"(?P<minute>\d{1,4}):(?P<second>[0-5]\d)[.,](?P<fraction>\d{1,9})")
+# a clock time without colons behind a date, also one of eight digits, which need nothing between
+_RUN_TOGETHER = re.compile(r"(?P<day>.*\d(?=[T_ ])|(?:19|20)\d{6})[T_ ]?(?P<h>\d\d)(?P<m>\d\d)(?P<s>\d\d)(?!\d)")
 _DOUBT = "stamps such as {} are taken as hours and minutes, and may be minutes and seconds"
 _CELL = re.compile(
-    r"(?P<head>[^:]*:\d{2}|[^:]*)(?::(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,9}))?)?"
+    r"(?P<head>[^:]*:\d{2}|[^:]*)(?::(?P<second>\d{2})(?:(?:[.,]|:(?=\d{3}(?!\d)))(?P<fraction>\d{1,9}))?)?"
     r"(?: ?(?P<half>[ap])\.?m\.?)?(?: ?(?P<zone>Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?))?",
     re.IGNORECASE,
 )
@@ -101,7 +105,13 @@ def is_missing(cell: str) -> bool:
 
 def parse_stamp(cell: str, month_first: bool, *, in_minutes: bool = False) -> Stamp:
     """Read one time stamp; ``in_minutes``: two numbers are minutes and seconds."""
-    found = _CELL.fullmatch(cell.strip())
+    text = cell.strip()
+    if ":" not in text:
+        text = _RUN_TOGETHER.sub(r"\g<day>T\g<h>:\g<m>:\g<s>", text, count=1)
+    elif stopwatch := _STOPWATCH.fullmatch(text):
+        minute, second, fraction = stopwatch.groups()
+        return Stamp((60 * int(minute) + int(second)) * _NANOSECOND + int(fraction.ljust(9, "0")), "c")
+    found = _CELL.fullmatch(text)
     if found is None:
         raise ValueError(cell)
     head, second, fraction, half, zone = found.group("head", "second", "fraction", "half", "zone")
@@ -175,7 +185,9 @@ def find_format(cells: Sequence[str], name: str = "") -> StampFormat | None:
     """Return the format of a column whose first cell, and at least half of all, are dates or clock times; else None."""
     given = [cell for cell in cells if not is_missing(cell)]
     stated = _STATED.search(name)
-    in_minutes = stated is not None and stated["minutes"] is not None
+    in_minutes = any(map(_STOPWATCH.fullmatch, map(str.strip, given))) or (
+        stated is not None and stated["minutes"] is not None
+    )
 
     def stamps_in(cells: Sequence[str], month_first: bool) -> list[Stamp]:
         stamps = []

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.fitting.log_inspection import Inspection, lacking, options_of
+from replant.fitting.log_inspection import UNKNOWN, Inspection, lacking, options_of
 from replant.fitting.model_json import finite
 from replant.logs.column_roles import Role
 from replant.logs.columns import Column, Kind, counts_rows
@@ -24,7 +24,7 @@ LISTED = 30  # most columns in the table [count]
 STEADY = 1e-3  # largest jitter of a clock that is called regular [part of dt]
 INDENT = 11  # indent of the text below the table [columns]
 NOTHING = "-"
-_PUT_DT = "put the sampling time in s in place of --dt 1, which counts time in samples"
+_PUT_DT = f"put the sampling time in s in place of {UNKNOWN} in --dt {UNKNOWN}"
 HEADINGS = ("column", "type", "min", "max", "missing", "smallest step", "looks like")
 RIGHT = ("min", "max", "missing")
 

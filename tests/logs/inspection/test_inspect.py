@@ -76,7 +76,7 @@ def test_a_prbs_is_an_input_whatever_its_name(tmp_path: Path) -> None:
     y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.05)
     found = inspect(save(tmp_path / "log.csv", {"first": y, "second": u}))
     assert found.clock is None
-    assert options_of(found) == ("-i", "second", "-o", "first", "-p", "2", "--dt", "1")
+    assert options_of(found) == ("-i", "second", "-o", "first", "-p", "2", "--dt", "S")
 
 
 def test_names_decide_where_they_tell(tmp_path: Path) -> None:
@@ -327,7 +327,7 @@ def test_a_column_that_counts_the_rows_is_no_clock(tmp_path: Path) -> None:
     del signals["t"]
     found = inspect(save(tmp_path / "log.csv", {"row": np.arange(3000), **signals}))
     assert found.clock is None
-    assert options_of(found) == ("-i", "u", "-o", "y", "-p", "2", "--dt", "1")
+    assert options_of(found) == ("-i", "u", "-o", "y", "-p", "2", "--dt", "S")
     assert "'row' counts the rows" in dict(findings_of(found))["Clock"]
 
 
