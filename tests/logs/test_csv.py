@@ -207,6 +207,11 @@ BAD = {
     "one row": ("t,u,y\n0,1,2\n", "1 row of data, at least 2 are needed"),
     "one row, no header": ("0,1,2\n", "1 row of data, at least 2 are needed"),
     "binary": (b"t,u,y\n\x00\x01\x02\n", "not a text file; export the log as CSV"),
+    "control character": (b"t,u,y\n0,1,2\n1,\x00\x00,2\n", "or .npz (line 3 holds the control character 0x00)"),
+    "UTF-16 without its mark": ("t,u,y\n0,1,2\n".encode("utf-16-le"), "a text in UTF-16 without a byte-order mark"),
+    "UTF-16, the other way": ("t,u,y\n0,1,ö\n".encode("utf-16-be"), "a text in UTF-16 without a byte-order mark"),
+    "names again": ("t [s],u,y\n0,1,2\nt,u,y\n1,2,3\n", "line 3, column 'u': the names again; put # before each such"),
+    "names over two lines": ('t,"u\n[V]",y\n0,1,2\n', "no closing quotation mark; correct it, write each row and its"),
     "date": ("t,u,y\n0,2024-05-01,2\n1,2024-05-02,3\n", "'2024-05-01' is not a number; convert dates"),
     "text after a quote": (
         't,u,y\n0,1,2\n1,"1"0.13,3\n',

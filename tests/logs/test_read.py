@@ -127,7 +127,10 @@ def test_a_file_without_permission(write: Write) -> None:
 
 @pytest.mark.parametrize("name", ["log.ods", "log", "log.xls"])
 def test_unknown_file_types_are_refused(write: Write, name: str) -> None:
-    with pytest.raises(LogError, match=r"unknown file type '.*'; a log is one of \.csv \.txt .* \.mat \.npz"):
+    with pytest.raises(
+        LogError,
+        match=r"unknown file type '.*'; a log is one of \.csv \.txt .* \.mat \.npz.* rename a log of text to \.txt",
+    ):
         read_columns(write(TEXT, name))
 
 

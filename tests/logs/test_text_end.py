@@ -44,6 +44,45 @@ def test_a_short_line_that_has_its_end_is_refused(write: Write) -> None:
         read_columns(write(WHOLE + "3,4.5\n")).column("u")
 
 
+BELOW = {
+    "means": ("t,u,y\n", "{0},1,2\n", "\nMean,5,40\n# of all\nStd,2,2\n", "lines 1502 to 1504"),
+    "a sum": ("y,u,time\n", "2,1,{0}\n", "5,6,total\n", "line 1501"),
+    "of dates": (
+        "Date,Time,u,y\n",
+        "2024-05-01,10:{1:02}:{2:02},1,2\n",
+        "Total rows:,9,,\nMin,,0,1\n",
+        "lines 1501 to",
+    ),
+}
+
+
+@every(("names", "row", "below", "lines"), BELOW.values(), ids=BELOW)
+@every("size", [1, 100, 1 << 20])
+@every("encoding", ["utf-8", "utf-16"])
+def test_rows_below_the_data_with_a_word_as_their_time_are_left_out(
+    write: Write,
+    monkeypatch: pytest.MonkeyPatch,
+    names: str,
+    row: str,
+    below: str,
+    lines: str,
+    size: int,
+    encoding: str,
+) -> None:
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
+    rows = "".join(row.format(k, k // 60, k % 60) for k in range(1499))
+    with pytest.warns(UserWarning, match=f"{lines}.* below the data left out"):
+        log = read_log(write((names + rows + below).encode(encoding)), input="u", output="y")
+    assert log.dt == 1.0
+    assert log.output.tolist() == [2.0] * 1499
+
+
+@every("rows", ["0,1,2\n1,2,x\n", "0,1,2\nx,1,2\n1,2,3\n", "a,1,2\nb,2,3\nc,2,3\n", "0,1,2\n1x,2,3\n"])
+def test_other_rows_of_text_stay_errors(write: Write, rows: str) -> None:
+    with pytest.raises(LogError, match="is not a number"):
+        read_log(write(f"t,u,y\n0,1,2\n{rows}" if rows[0] == "0" else f"t,u,y\n{rows}"), input="u", output="y")
+
+
 def test_the_last_cell_is_cut_off_where_it_cannot_be_read(write: Write) -> None:
     for text in ("t;y\n0;3.000,5\n1;3.001,5\n2;3.0", "t,y\n0,1e-5\n1,1e-5\n2,1e-"):
         with pytest.warns(UserWarning, match="the last line is cut off"):

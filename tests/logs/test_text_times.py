@@ -243,3 +243,10 @@ def test_a_clock_that_jumps_is_an_error(
 )
 def test_cells_that_are_not_stamps_have_no_format(cell: str) -> None:
     assert find_format([cell]) is None
+
+
+def test_of_several_dates_the_one_that_moves_is_the_time(write: Write) -> None:
+    """As InfluxDB writes the limits of the query in each row."""
+    rows = [f"2024-05-01T00:00:00Z,2024-05-02T00:00:00Z,2024-05-01T10:00:{k:02}Z,1,2" for k in range(60)]
+    log = read_log(write("_start,_stop,_time,u,y\n" + "\n".join(rows) + "\n"), input="u", output="y")
+    assert log.dt == 1.0

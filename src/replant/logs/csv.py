@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import LogError, shown
+from replant.logs.sampling_time import time_candidates
 from replant.logs.table import Arrays, Table, listed
 from replant.logs.text_cells import (
     MISSING,
@@ -24,12 +25,14 @@ from replant.logs.text_cells import (
     NumberError,
     TwoMarksError,
     common_mark,
+    is_number,
     mark_of,
     parse_numbers,
     quote,
     split_line,
 )
 from replant.logs.text_layout import (
+    BEGUN_NUMBER,
     COMMENT_MARKS,
     LONGEST_LINE,
     QUOTES_REMEDY,
@@ -42,10 +45,12 @@ from replant.logs.text_layout import (
     split_or_none,
     too_long_error,
 )
-from replant.logs.text_times import READ, with_stamps
+from replant.logs.text_times import READ, is_missing, with_stamps
+from replant.model.interop import without_unit
 from replant.numerics.arguments import FloatArray
 
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
+_NAMES_REMEDY = "put # before each such line; where another recording begins, cut the file there and give both parts"
 _DATE = re.compile(r"\s*\d+[-/.:]\d+[-/.:]\d+")
 # a line of blanks alone: spreadsheets append them
 _BLANK = re.compile(r"^[ \t]+(?:\n|\Z)", re.MULTILINE)
@@ -75,6 +80,10 @@ def _column(layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: i
                 f"and the log a {_WORDS[mark.mark]} in line {mark.line} ({quote(mark.cell)}); write all numbers one "
                 "way, without thousands separators"
             ) from None
+        if cells[error.at].strip() in (name, without_unit(name)):
+            raise LogError(
+                f"{layout.path}: line {line}, column {shown(name)}: the names again; {_NAMES_REMEDY}"
+            ) from None
         remedy = _DATE_REMEDY if _DATE.match(cells[error.at]) else _CELL_REMEDY
         end = f"; {remedy}" if isinstance(error, NumberError) else ""
         raise LogError(f"{layout.path}: line {line}, column {shown(name)}: {error}{end}") from None
@@ -94,6 +103,32 @@ def _cut_line(layout: Layout) -> str:
     return line if _is_readable(layout, previous) and not _is_readable(layout, last) else ""
 
 
+def _below_data(layout: Layout) -> range:
+    """Return the last lines whose time is text, as of a row of means below the samples; empty if none is."""
+    times = {*time_candidates(layout.names), *layout.stamps}
+    times |= {form.date_column for form in layout.stamps.values() if form.date_column is not None}
+    lines = _tail(layout.path, layout.encoding)
+    lines = lines[:-1] if lines and not lines[-1] else lines
+    found = 0
+    for back, line in enumerate(reversed(lines), 1):
+        if not is_data(line):
+            continue
+        cells = split_or_none(line, layout.delimiter) or []
+        if len(cells) < len(layout.names) or not any(_is_word(cells[column]) for column in times):
+            break
+        found = back
+    else:
+        return range(0)  # the time is text everywhere
+    if not found:
+        return range(0)
+    last = sum(1 for _ in lines_of(layout.path, layout.encoding))
+    return range(last - found + 1, last + 1)
+
+
+def _is_word(cell: str) -> bool:
+    return not is_missing(cell) and not is_number(cell, None) and BEGUN_NUMBER.match(cell) is None
+
+
 def _is_readable(layout: Layout, cells: list[str]) -> bool:
     """Return whether a row is complete and its last cell can be read as its column requires."""
     if len(cells) < len(layout.names):
@@ -107,6 +142,12 @@ def _is_readable(layout: Layout, cells: list[str]) -> bool:
 
 def last_lines(path: Path, encoding: str) -> tuple[str, str]:
     """Return the last two lines; the last one is empty if the file ends with a line end or has one line."""
+    lines = _tail(path, encoding)
+    return (lines[-2], lines[-1]) if len(lines) > 1 else ("", "")
+
+
+def _tail(path: Path, encoding: str) -> list[str]:
+    """Return the lines at the end of a file; the first may be a part, the last is empty behind a line end."""
     with path.open("rb") as file:
         head = file.read(2)
         end = file.seek(0, 2)
@@ -115,8 +156,7 @@ def last_lines(path: Path, encoding: str) -> tuple[str, str]:
         tail = file.read()
     if encoding == "utf-16":
         encoding = "utf-16-le" if head == codecs.BOM_UTF16_LE else "utf-16-be"
-    lines = tail.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    return (lines[-2], lines[-1]) if len(lines) > 1 else ("", "")
+    return tail.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 BLOCK_BYTES = 1 << 21  # text of a log held at a time [bytes]
@@ -145,7 +185,12 @@ def read(path: Path) -> Table:
         layout = replace(layout, is_cut=True)
         notes.append(f"{path}: the last line is cut off ({quote(cut)}) and left out")
     if layout.delimiter != "," and (layout.mark is None or not layout.mark.certain):
-        layout = replace(layout, mark=later_mark(layout.mark, _rows_with_commas(layout), layout.stamps))
+        mark, doubtful = later_mark(layout.mark, _rows_with_marks(layout), layout.stamps)
+        layout = replace(layout, mark=mark, doubtful=doubtful)
+    if below := _below_data(layout):
+        layout = replace(layout, end_line=below[0])
+        lines = f"line {below[0]}" if len(below) == 1 else f"lines {below[0]} to {below[-1]}"
+        notes.append(f"{path}: {lines} below the data left out: a word stands in place of the time")
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     table = Table(
@@ -163,7 +208,15 @@ def read(path: Path) -> Table:
 
 def _parse(layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> Arrays:
     """Convert lines to an array for each column; the first line has number ``first``; skip blank lines and comments."""
+    for column in columns:
+        if doubt := layout.doubtful.get(column):
+            raise LogError(
+                f"{layout.path}: column {shown(layout.names[column])} has {quote(doubt.cell)} in line {doubt.line} "
+                f"beside whole numbers: its {_WORDS[doubt.mark]} may separate thousands; write 1700 or 1.70 for 1.700"
+            )
     decoded = _decoded(layout, text)
+    if layout.end_line is not None and first + decoded.count("\n") >= layout.end_line:
+        decoded = "\n".join(decoded.split("\n")[: max(0, layout.end_line - first)])
     if first < layout.data_line:
         above, first = layout.data_line - first, layout.data_line
         decoded = "\n".join(decoded.split("\n")[above:])
@@ -184,13 +237,14 @@ def _decoded(layout: Layout, text: bytes) -> str:
     return decoded.replace("\r\n", "\n").replace("\r", "\n") if "\r" in decoded else decoded
 
 
-def _rows_with_commas(layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of the blocks that have a comma: only there the decimal mark can be ambiguous."""
+def _rows_with_marks(layout: Layout) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows of a log that has a comma or a point: in another one no decimal mark can be ambiguous."""
+    if not any(b"," in text or b"." in text for _, text in _texts(layout)):
+        return
     for first, text in _texts(layout):
-        if b"," in text:
-            for number, line in enumerate(_decoded(layout, text).split("\n"), first):
-                if number >= layout.data_line and is_data(line) and '"' not in line:
-                    yield number, line.split(layout.delimiter)
+        for number, line in enumerate(_decoded(layout, text).split("\n"), first):
+            if number >= layout.data_line and is_data(line) and '"' not in line:
+                yield number, line.split(layout.delimiter)
 
 
 def _texts(layout: Layout) -> Iterator[tuple[int, bytes]]:
@@ -267,7 +321,7 @@ def _are_full(text: str, delimiter: str, width: int) -> bool:
 @lru_cache(maxsize=8)
 def _missing(delimiter: str) -> re.Pattern[str]:
     """Return the pattern of a missing cell next to a delimiter; a blank line does not match."""
-    mark, words = re.escape(delimiter), "|".join(filter(None, MISSING))
+    mark, words = re.escape(delimiter), "|".join(map(re.escape, filter(None, MISSING)))
     word = rf" *(?:{words})? *" if delimiter == "\t" else rf"[ \t]*(?:{words})?[ \t]*"
     return re.compile(rf"(?<={mark}){word}(?={mark}|$)|^{word}(?={mark})", re.IGNORECASE | re.MULTILINE)
 

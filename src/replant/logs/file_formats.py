@@ -196,7 +196,8 @@ def _read_file(path: Path) -> Table:
     if suffix not in FORMATS:
         known = " ".join(FORMATS)
         raise LogError(
-            f"{path}: unknown file type {suffix!r}; a log is one of {known}, perhaps with {' '.join(SUFFIXES)}"
+            f"{path}: unknown file type {suffix!r}; a log is one of {known}, perhaps with {' '.join(SUFFIXES)}; "
+            "rename a log of text to .txt"
         )
     parts_of = channels.parts_of if suffix == ".mcap" else arrow.parts_of
     for part in parts_of(path) if path.is_dir() else [path]:

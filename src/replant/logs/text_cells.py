@@ -14,11 +14,26 @@ from replant.logs.table import MOST_COLUMNS
 from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray
 
-MISSING = frozenset({"", "na", "n/a", "null", "none"})  # no dash: it may be a unit or a truncated number
-_TRUTH = {"true": 1.0, "false": 0.0}  # only in data: a column of true values may be called true
+# as spreadsheets and the C library of Windows print it
+_NOT_A_NUMBER = ("#nv", "#n/a", *(f"{sign}1.#{what}" for sign in ("", "-") for what in ("qnan", "ind", "inf")))
+MISSING = frozenset(
+    {"", "na", "n/a", "null", "none", *_NOT_A_NUMBER}
+)  # no dash: it may be a unit or a truncated number
+_TRUTH = {
+    "true": 1.0,
+    "false": 0.0,
+    "wahr": 1.0,
+    "falsch": 0.0,
+    "on": 1.0,
+    "off": 0.0,
+}  # only in data: a column of true values may be called true
 _SHOWN = 40  # longest text of a cell in an error [characters]
 _QUOTED = r'"([^"]*+(?:""[^"]*+)*+)"'  # a doubled mark inside is one mark; ++ and *+ keep the time linear
 _UNIT_BEHIND = r"(?:\s+(?:\[[^\[\]]*\]|\([^()]*\)))?"  # a unit in brackets belongs to its name
+
+
+_MINUS = "−"  # that of Unicode
+_FORTRAN = re.compile(r"(\d*\.\d*)[dD]([+-]?\d+)$")  # the exponent of Fortran's double precision
 
 
 class CellError(ValueError):
@@ -78,6 +93,7 @@ def parse_number(cell: str) -> float:
     text = cell.strip()
     if text.lower() in MISSING:
         return float("nan")
+    text = _FORTRAN.sub(r"\1e\2", text.replace(_MINUS, "-"))
     if "_" in text or not text.isascii():  # float() accepts 1_000 and the digits of every script
         raise ValueError(cell)
     return float(text)
@@ -109,8 +125,10 @@ def quote(cell: str) -> str:
     return repr(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")
 
 
-_PLAIN = re.compile(r"[+-]?(?:\d+(?P<mark>[.,])\d*|(?P<first>[.,])\d+)(?:[eE][+-]?\d+)?")
-_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(?:(?P<mark>[.,])\d{3})(?:(?P=mark)\d{3})*(?P<end>[.,]\d*(?:[eE][+-]?\d+)?)?")
+_PLAIN = re.compile(r"[+\-−]?(?:\d+(?P<mark>[.,])\d*|(?P<first>[.,])\d+)(?:[eEdD][+-]?\d+)?")
+_GROUPED = re.compile(
+    r"[+\-−]?[1-9]\d{0,2}(?:(?P<mark>[.,])\d{3})(?:(?P=mark)\d{3})*(?P<end>[.,]\d*(?:[eE][+-]?\d+)?)?"
+)
 
 
 @dataclass(frozen=True)
@@ -178,6 +196,8 @@ def _number(cell: str, mark: DecimalMark) -> float:
     text = cell.strip()
     if text.lower() in _TRUTH:
         return _TRUTH[text.lower()]
+    if text.lower() in MISSING:
+        return math.nan
     if mark.other not in text:
         return parse_number(text.replace(mark.mark, "."))
     grouped = _GROUPED.fullmatch(text)

@@ -73,28 +73,43 @@ def joined_cell(day: str, clock: str) -> str:
 
 def later_mark(
     mark: DecimalMark | None, rows: Iterable[tuple[int, Sequence[str]]], left_out: Iterable[int]
-) -> DecimalMark | None:
-    """Return the first certain decimal mark in further rows, else the mark of the first rows."""
+) -> tuple[DecimalMark | None, dict[int, DecimalMark]]:
+    """Return the first certain decimal mark in further rows, else the mark of the first rows; and doubtful columns.
+
+    A column is written in thousands, or doubtful, if 1.700 stands beside 100: a program that prints three decimals
+    prints them always, and one that prints no more than needed prints 1.7.  Two marks in a log tell which is which.
+    """
     best, skipped = mark, set(left_out)
+    found, lengths = dict[tuple[int, str], DecimalMark](), dict[int, int]()
     for line, cells in rows:
         for column, cell in enumerate(cells):
-            found = None if column in skipped else mark_of(cell, line)
-            if found is not None and found.certain:
-                return found
-            best = best or found
-    return best
+            if column in skipped:
+                continue
+            here, digits = mark_of(cell, line), cell.strip().lstrip("+-")
+            if here is not None and here.certain:
+                return here, {}
+            if here is not None:
+                found.setdefault((column, here.mark), here)
+            elif digits.isdecimal():
+                lengths[column] = max(len(digits), lengths.get(column, 0))
+    doubtful = {column: here for (column, _), here in found.items() if 0 < lengths.get(column, 0) <= _GROUP}
+    others = [here for here in found.values() if here.mark not in {each.mark for each in doubtful.values()}]
+    if doubtful and others:
+        return replace(others[0], certain=True, grouped=True), {}
+    return best or next(iter(found.values()), None), doubtful
 
 
+_GROUP = 3  # digits between two thousands separators [count]
 COMMENT_MARKS = ("#", "%")
 DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks; if two have equal scores, the first is taken
-QUOTES_REMEDY = "correct it, or write a quotation mark within a quoted cell twice"
+QUOTES_REMEDY = "correct it, write each row and its names in one line, and a quotation mark within a quoted cell twice"
 LONGEST_LINE = 1 << 22  # longest line that is read: 131,072 columns of full precision [characters]
 MOST_LINES_ABOVE = 100_000  # most lines without data before the first row, or between two of the first rows [lines]
 _SAMPLE_ROWS = 100  # rows from which the layout is detected [rows]
 _SAMPLE_CHARACTERS = 1 << 18  # characters from which the layout of very wide rows is detected [characters]
 _HEAD_BYTES = 1 << 16  # beginning of a file from which its encoding is detected [bytes]
 _CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))
-_BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")
+BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")
 _WORD = re.compile(r"[^\s,;|]+")
 _EXCEL_HINT = re.compile(r"sep=.?", re.IGNORECASE)  # a first line that tells Excel the delimiter
 
@@ -113,7 +128,9 @@ class Layout:
     stamps: Mapping[int, StampFormat] = field(default_factory=dict)
     mark: DecimalMark | None = None
     marks: Mapping[int, DecimalMark] = field(default_factory=dict)  # of columns whose mark differs from `mark`
+    doubtful: Mapping[int, DecimalMark] = field(default_factory=dict)  # columns whose mark may separate thousands
     is_cut: bool = False
+    end_line: int | None = None  # the first line below the data
     unused: tuple[str, ...] = ()  # names in a comment that has more names than columns
     unused_line: int = 0
 
@@ -229,7 +246,13 @@ def _encoding(path: Path) -> str:
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
     if head.translate(None, _CONTROL_BYTES) != head:
-        raise LogError(f"{path}: not a text file; export the log as CSV, Parquet, .mat or .npz")
+        text = head.replace(b"\0", b"")
+        is_text = text.translate(None, _CONTROL_BYTES) == text
+        if is_text and abs(head[::2].count(0) - head[1::2].count(0)) > len(head) // 4:  # most of every second byte
+            raise LogError(f"{path}: a text in UTF-16 without a byte-order mark; save it as UTF-8")
+        at = next(at for at, byte in enumerate(head) if byte in _CONTROL_BYTES)
+        where = f"(line {head.count(10, 0, at) + 1} holds the control character 0x{head[at]:02x})"
+        raise LogError(f"{path}: not a text file; export the log as CSV, Parquet, .mat or .npz {where}")
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)  # a character cut off at the end is accepted
     except UnicodeDecodeError:
@@ -298,7 +321,7 @@ def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Seq
     if unnamed:
         certain = len(names) > unnamed and all(text[0].isalpha() for text in texts)
     else:
-        certain = not all(map(_BEGUN_NUMBER.match, texts))
+        certain = not all(map(BEGUN_NUMBER.match, texts))
     if certain or time_candidates(texts):
         return True
     raise LogError(
