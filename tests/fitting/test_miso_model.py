@@ -178,6 +178,7 @@ def test_prediction_uses_the_colour_of_the_residual() -> None:
     assert rp.fit_percent(y, predicted) == pytest.approx(found.one_step, abs=0.5)
     np.testing.assert_allclose(model.predict(u, y, 2, DT * np.arange(SAMPLES)), model.predict(u, y, 2), atol=1e-6)
     np.testing.assert_array_equal(replace(model, noise=None).predict(u, y), found.output)
+    np.testing.assert_array_equal(model.simulate(u, y=y), found.output)
 
 
 def test_a_missing_output_is_predicted_as_far_as_the_others_tell(model: rp.RowModel) -> None:

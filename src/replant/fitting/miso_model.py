@@ -13,8 +13,8 @@ from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.fitted_run import fit_percent
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate, noise_of
 from replant.estimation.simulation.model_run import model_output, runs_away
-from replant.fitting import model_file, model_json
-from replant.fitting.model import Model, clock_of_log, html, run_from, unstable_error, usual_interval, with_noise
+from replant.fitting import model_json
+from replant.fitting.model import AnyModel, Model, html, usual_interval
 from replant.fitting.model_fields import RowFields, has_rest, unnamed
 from replant.fitting.responses import Bode, StepResponse
 from replant.fitting.validation import Validation
@@ -22,7 +22,7 @@ from replant.logs.log import Log
 from replant.model import interop
 from replant.model.interop import without_unit
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import FloatArray, array_of_reals, no_output, vector, whole
+from replant.numerics.arguments import FloatArray, array_of_reals, no_output, vector
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet, sum_of_squares
@@ -34,7 +34,7 @@ from replant.verdict.verdict import Verdict, conclude
 UNSEEN = "the inputs explain no more of this record than the model says"
 
 
-class RowModel(model_file.Written, RowFields):
+class RowModel(AnyModel, RowFields):
     r"""An identified plant of several inputs and one output, in the units of its signals.
 
     .. math:: y = \mathrm{output\_level} + \sum_i G_i(s)\,(u_i - \mathrm{input\_levels}_i)
@@ -94,85 +94,24 @@ class RowModel(model_file.Written, RowFields):
             provenance=self.provenance,
         )  # fmt: skip
 
-    @quiet
-    def simulate(self, u: Any, t: Any = None) -> FloatArray:
-        """Return the output (K,) from the inputs alone, in absolute units; the plant begins at rest at the first row.
+    def _inputs_of(self, log: Log) -> FloatArray:
+        return in_order(log, self.input_names)
 
-        One without a known rest (integrating, unstable, or slower than the record that it was made from) begins at its
-        working point.
-
-        Parameters
-        ----------
-        u : (K, q) array or Log
-            A column per input; one that is not finite is replaced by the last finite one.  Of a log, those of its
-            inputs, found by their names, and its clock.
-        t : (K,) array, optional
-            Time stamps in s, strictly increasing; without them samples are `dt` apart.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If there is not one column per input, or the stamps do not increase.
-        """
-        parts = self.contributions(u, t)
-        return np.asarray(sum(parts.T, np.full(len(parts), self.output_level)))
-
-    @quiet
-    def contributions(self, u: Any, t: Any = None) -> FloatArray:
-        """Return the response to each input (K, q), as deviations from the working point; see `simulate`."""
-        if isinstance(u, Log):
-            u, t = in_order(u, self.input_names), clock_of_log(u, self.dt, t)
+    def _deviations(self, u: Any) -> FloatArray:
         columns = self._columns(u)
-        stamps = None if t is None else increasing(t, len(columns))
-        span = self.dt * self.provenance.samples or math.inf
-        rests = all(has_rest(g, span) for g in self.transfer_functions)
-        parts = np.empty(columns.shape)
-        for number, (g, level) in enumerate(zip(self.transfer_functions, self.input_levels.tolist(), strict=True)):
-            v = np.where(np.isfinite(columns[:, number]), columns[:, number] - level, np.nan)
-            at_rest, moved = run_from(g, v, self.dt, self.input_hold, stamps, at_rest=rests)
-            parts[:, number] = moved + at_rest
-        return parts
+        return np.where(np.isfinite(columns), columns - self.input_levels, np.nan)
 
-    @quiet
-    def predict(self, u: Any, y: Any, horizon: int = 1, t: Any = None) -> FloatArray:
-        """Return the output (K,) predicted ``horizon`` samples ahead, from the inputs and the past output.
-
-        The residual of the simulated output is predicted by the noise model; without one this is the simulated output.
-        Offset and initial states are estimated from the whole record.  NaN where an input is missing, or the output
-        depends on inputs before the record or in a gap.
-
-        Parameters
-        ----------
-        u : (K, q) array
-            A column per input.
-        y : (K,) array
-            Measured output; NaN where there is none.
-        horizon : int
-            In samples, 1 or more.
-        t : (K,) array, optional
-            Time stamps in s, strictly increasing.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If there is not one column per input, the record is too short, the horizon is longer than 1 for an unstable
-            model, whose simulation runs away, or the median interval of the stamps is not that of the noise model.
-        """
-        columns, output, stamps, dt = self._record(u, y, t)
-        horizon = whole("horizon", horizon, 1)
-        if not self._runs_away(output, stamps, dt):
-            ready = RowRecord.of(columns, output, dt, stamps, self.input_hold)
-            return with_noise(ready.simulated(*evaluated(self, ready)), output, self.noise, horizon, dt)
-        if horizon > 1:
-            raise unstable_error(horizon)
-        known = np.isfinite(columns).all(axis=1) & np.isfinite(output)
-        columns = np.where(known[:, None], columns - self.input_levels, np.nan)
-        predicted = np.zeros(output.size)
+    def _run(self, u: FloatArray, y: FloatArray, stamps: FloatArray | None, dt: float) -> tuple[FloatArray, bool]:
+        if not self._runs_away(y, stamps, dt):
+            ready = RowRecord.of(u, y, dt, stamps, self.input_hold)
+            return ready.simulated(*evaluated(self, ready)), False
+        known = np.isfinite(u).all(axis=1) & np.isfinite(y)
+        v, predicted = np.where(known[:, None], u - self.input_levels, np.nan), np.zeros(y.size)
         for number, each in enumerate(self._over_common_denominator()):  # the predictor is linear in inputs and output
-            measured = np.where(known, 0.0 if number else output, np.nan)
+            measured = np.where(known, 0.0 if number else y, np.nan)
             hold = self.input_hold
-            predicted += model_output(each, columns[:, number].copy(), measured, dt, input_hold=hold, t=stamps).output
-        return predicted
+            predicted += model_output(each, v[:, number].copy(), measured, dt, input_hold=hold, t=stamps).output
+        return predicted, True
 
     def _runs_away(self, output: FloatArray, stamps: FloatArray | None, dt: float) -> bool:
         span = dt * (output.size - 1) if stamps is None else float(np.ptp(stamps))
@@ -250,10 +189,6 @@ class RowModel(model_file.Written, RowFields):
             self._offset(ready, row, point), simulated, output - simulated, clock, None, None,
             Verdict(*conclude(found, UNSEEN)), row.count, False,
         )  # fmt: skip
-
-    def score(self, log: Log | Any, y: Any = None, t: Any = None) -> float:
-        """Return the simulated fit in percent to another record; see `validate`."""
-        return self.validate(log, y, t).fit
 
     def _offset(self, ready: RowRecord, row: Row, point: Point) -> float:
         """Return by how much a record's working point lies above the model's."""

@@ -6,7 +6,7 @@ import dataclasses
 import html as escaped
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError, MissingDependencyError, shown
 from replant.estimation.simulation.model_run import model_output
 from replant.fitting import model_file, model_json
-from replant.fitting.model_fields import ModelFields
+from replant.fitting.model_fields import Fields, ModelFields
 from replant.fitting.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
 from replant.fitting.validation import Validation, validate
 from replant.logs.log import Log, check_one_reference
@@ -33,7 +33,109 @@ WIDTH, COEFFICIENT_LINES, REASONS = 110, 3, 5  # characters of a line, lines of 
 SAME_CLOCK = 0.1  # difference of intervals up to which the noise model is valid [part of the interval]
 
 
-class Model(model_file.Written, ModelFields):
+class AnyModel(model_file.Written, Fields):
+    """What a `Model` and a `RowModel` have in common: the output that follows from the inputs."""
+
+    noise: NoiseModel | None
+    input_hold: str
+    output_level: float
+    validate: Callable[..., Validation]
+    _inputs_of: Callable[[Log], FloatArray]
+    _deviations: Callable[[Any], FloatArray]  # of raw inputs from the working point, (K, q); NaN where not finite
+    # the checked inputs, the output, and its stamps and usual interval
+    _record: Callable[[Any, Any, Any], tuple[FloatArray, FloatArray, FloatArray | None, float]]
+    # from these the output that is simulated, offset and initial states estimated, or that is predicted, which is told
+    _run: Callable[[FloatArray, FloatArray, FloatArray | None, float], tuple[FloatArray, bool]]
+
+    @quiet
+    def simulate(self, u: Any, t: Any = None, *, y: Any = None) -> FloatArray:
+        """Return the output (K,) from the inputs alone, in absolute units.
+
+        Without ``y`` the plant begins at rest at the first sample; one without a known rest (integrating, unstable, or
+        slower than the record that it was made from) begins at its working point.  With ``y`` offset and initial states
+        are estimated.  Between samples the inputs follow `input_hold`, at any interval.
+
+        Parameters
+        ----------
+        u : (K,) array, (K, q) array of q inputs, or Log
+            Raw inputs; one that is not finite is replaced by the last finite one.  Of a log, those of its inputs, if
+            there are several found by their names, and its clock.
+        t : (K,) array, optional
+            Time stamps in s, strictly increasing; without them samples are `dt` apart.
+        y : (K,) array, optional
+            Measured output; NaN where there is none.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the arrays do not fit, or the stamps do not increase.
+
+        Examples
+        --------
+        >>> from replant import Structure
+        >>> model = Model(Structure(1), [1.0, 2.0], dt=1.0, input_level=3.0, output_level=10.0)
+        >>> model.simulate([3.0, 4.0, 4.0]).round(3)
+        array([10.   , 10.   , 11.264])
+        >>> model.simulate([5.0, 5.0])
+        array([14., 14.])
+        """
+        if isinstance(u, Log):
+            u, t = self._inputs_of(u), clock_of_log(u, self.dt, t)
+        if y is not None:
+            columns, output, stamps, _ = self._record(u, y, t)
+            return self._run(columns, output, stamps, self.dt)[0]
+        return np.asarray(self.output_level + self.contributions(u, t).sum(axis=1))
+
+    @quiet
+    def contributions(self, u: Any, t: Any = None) -> FloatArray:
+        """Return the response to each input (K, q), as deviations from the working point; see `simulate`."""
+        if isinstance(u, Log):
+            u, t = self._inputs_of(u), clock_of_log(u, self.dt, t)
+        columns = self._deviations(u)
+        stamps, rests = None if t is None else increasing(t, len(columns)), self.rests
+        pairs = zip(self.transfer_functions, columns.T, strict=True)
+        return np.column_stack([run_from(g, v, self.dt, self.input_hold, stamps, at_rest=rests) for g, v in pairs])
+
+    @quiet
+    def predict(self, u: Any, y: Any, horizon: int = 1, t: Any = None) -> FloatArray:
+        """Return the output (K,) predicted ``horizon`` samples ahead, from the inputs and the past output.
+
+        The residual of the simulated output is predicted by the noise model; without one this is the simulated output.
+        Offset and initial states are estimated from the whole record.  With several inputs NaN where one is missing, or
+        the output depends on inputs before the record or in a gap.
+
+        Parameters
+        ----------
+        u : (K,) array, or (K, q) array of q inputs
+            Raw inputs.
+        y : (K,) array
+            Measured output; NaN where there is none.
+        horizon : int
+            In samples, 1 or more.
+        t : (K,) array, optional
+            Time stamps in s, strictly increasing.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the arrays do not fit, the horizon is longer than 1 for an unstable model, whose simulation runs away, or
+            the median interval of the stamps is not that of the noise model.
+        """
+        columns, output, stamps, dt = self._record(u, y, t)
+        horizon = whole("horizon", horizon, 1)
+        found, is_prediction = self._run(columns, output, stamps, dt)
+        if is_prediction and horizon > 1:
+            raise InvalidArgumentError(
+                f"horizon must be 1 for an unstable model, got {shown(horizon)}: what it predicts runs away"
+            )
+        return found if is_prediction else with_noise(found, output, self.noise, horizon, dt)
+
+    def score(self, log: Log | Any, y: Any = None, t: Any = None) -> float:
+        """Return the simulated fit in percent to another record; see `validate`."""
+        return self.validate(log, y, t).fit
+
+
+class Model(AnyModel, ModelFields):
     r"""An identified plant in the units of its signals.
 
     .. math:: y = \mathrm{output\_level} + G(s)\,(\mathrm{map}(u) - \mathrm{input\_level})
@@ -78,77 +180,21 @@ class Model(model_file.Written, ModelFields):
 
     LAYOUT = model_json.VERSION
 
-    @quiet
-    def simulate(self, u: Any, t: Any = None, *, y: Any = None) -> FloatArray:
-        """Return the output (K,) from the input alone, in absolute units.
+    def _inputs_of(self, log: Log) -> FloatArray:
+        return log.input
 
-        Without ``y`` the plant begins at rest at the first input; one without a known rest (integrating, unstable, or
-        slower than the record that it was made from) begins at its working point.  With ``y`` offset and initial state
-        are estimated.  Between samples the input follows `input_hold`, at any interval.
+    def _deviations(self, u: Any) -> FloatArray:
+        return self.linear_input(u)[:, None]
 
-        Parameters
-        ----------
-        u : (K,) array or Log
-            Raw input; one that is not finite is replaced by the last finite one.  Of a log, its input and clock.
-        t : (K,) array, optional
-            Time stamps in s, strictly increasing; without them samples are `dt` apart.
-        y : (K,) array, optional
-            Measured output; NaN where there is none.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the arrays differ in length, or the stamps do not increase.
-
-        Examples
-        --------
-        >>> from replant import Structure
-        >>> model = Model(Structure(1), [1.0, 2.0], dt=1.0, input_level=3.0, output_level=10.0)
-        >>> model.simulate([3.0, 4.0, 4.0]).round(3)
-        array([10.   , 10.   , 11.264])
-        >>> model.simulate([5.0, 5.0])
-        array([14., 14.])
-        """
-        if isinstance(u, Log):
-            u, t = u.input, clock_of_log(u, self.dt, t)
-        v = self.linear_input(u)
-        stamps = None if t is None else increasing(t, v.size)
-        if y is not None:
-            u, y = record(u, y)
-            return model_output(self.transfer_function, v, y, self.dt, input_hold=self.input_hold, t=stamps).output
-        at_rest, moved = run_from(self.transfer_function, v, self.dt, self.input_hold, stamps, at_rest=self.rests)
-        return np.asarray(self.output_level + at_rest + moved)
-
-    @quiet
-    def predict(self, u: Any, y: Any, horizon: int = 1, t: Any = None) -> FloatArray:
-        """Return the output (K,) predicted ``horizon`` samples ahead, from the input and the past output.
-
-        The residual of the simulated output is predicted by the noise model; without one this is the simulated output.
-        Offset and initial state are estimated from the whole record.
-
-        Parameters
-        ----------
-        u, y : (K,) arrays
-            Raw input and measured output.
-        horizon : int
-            In samples, 1 or more.
-        t : (K,) array, optional
-            Time stamps in s, strictly increasing.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the horizon is longer than 1 for an unstable model, whose simulation runs away, or the median interval of
-            the stamps is not that of the noise model.
-        """
+    def _record(self, u: Any, y: Any, t: Any) -> tuple[FloatArray, FloatArray, FloatArray | None, float]:
         u, y = record(u, y)
-        horizon = whole("horizon", horizon, 1)
         stamps = None if t is None else increasing(t, u.size)
-        dt = self.dt if stamps is None else usual_interval(stamps, self.dt)
-        found = model_output(self.transfer_function, self.linear_input(u), y, dt, input_hold=self.input_hold, t=stamps)
-        if found.is_prediction and horizon > 1:
-            raise unstable_error(horizon)
-        return found.output if found.is_prediction else with_noise(found.output, y, self.noise, horizon, dt)
+        return u, y, stamps, self.dt if stamps is None else usual_interval(stamps, self.dt)
+
+    def _run(self, u: FloatArray, y: FloatArray, stamps: FloatArray | None, dt: float) -> tuple[FloatArray, bool]:
+        v = self.linear_input(u)
+        found = model_output(self.transfer_function, v, y, dt, input_hold=self.input_hold, t=stamps)
+        return found.output, found.is_prediction
 
     def of_log(self, input_name: str, output_name: str, source: str, sha256: str = "") -> Model:
         """Return the same model with the names of its signals, and the name and digest of the log's file."""
@@ -212,11 +258,16 @@ class Model(model_file.Written, ModelFields):
         InvalidArgumentError
             If the record is too short, or has no input and output.
         """
-        return validate(self, *_signals(log, y, t, reference, self.dt))
-
-    def score(self, log: Log | Any, y: Any = None, t: Any = None) -> float:
-        """Return the simulated fit in percent to another record; see `validate`."""
-        return self.validate(log, y, t).fit
+        if isinstance(log, Log):
+            if y is not None or t is not None or reference is not None:
+                raise InvalidArgumentError("a log has its own output, time and reference: leave out y, t and reference")
+            check_one_reference(len(log.reference_names))
+            stamps = None if log.stamps is None else increasing(log.stamps, log.input.size)
+            return validate(self, log.input, log.output, stamps, log.reference, log.dt)
+        if y is None:
+            raise no_output(log, "the input and the output")
+        u, y, stamps, dt = self._record(log, y, t)
+        return validate(self, u, y, stamps, None if reference is None else reference_of(reference, u.size), dt)
 
     def to_control(self, pade: int | None = None) -> Any:
         """Return G(s) as `control.TransferFunction`, in deviations from the working point.
@@ -253,8 +304,8 @@ def clock_of_log(log: Log, dt: float, t: Any) -> FloatArray | None:
 
 def run_from(
     g: TransferFunction, v: FloatArray, dt: float, input_hold: str, stamps: FloatArray | None, *, at_rest: bool
-) -> tuple[float, FloatArray]:
-    """Return the resting output at the first input, and the response (K,) to deviations from it; without rest from 0.
+) -> FloatArray:
+    """Return the response (K,) to the deviations of an input, which begins at rest or, without ``at_rest``, from 0.
 
     An input that is not finite is replaced by the last finite one.
     """
@@ -264,14 +315,7 @@ def run_from(
     # with the longest interval as the usual one, no interval counts as a lost sample
     usual = dt if intervals is None else float(intervals.max(initial=dt))
     moved = Response(g, usual, input_hold).take(v - first, intervals).output
-    return g.dc_gain * first if first else 0.0, moved
-
-
-def unstable_error(horizon: int) -> InvalidArgumentError:
-    """Return the error for a horizon beyond the next sample, which no unstable model predicts."""
-    return InvalidArgumentError(
-        f"horizon must be 1 for an unstable model, got {shown(horizon)}: what it predicts runs away"
-    )
+    return np.asarray(moved + g.dc_gain * first if first else moved)
 
 
 def with_noise(output: FloatArray, y: FloatArray, noise: NoiseModel | None, horizon: int, dt: float) -> FloatArray:
@@ -290,25 +334,6 @@ def with_noise(output: FloatArray, y: FloatArray, noise: NoiseModel | None, hori
 def usual_interval(t: FloatArray, dt: float) -> float:
     """Return the median interval of time stamps (K,) in s; ``dt`` for fewer than two."""
     return float(np.median(np.diff(t))) if t.size > 1 else dt
-
-
-def _signals(
-    log: Any, y: Any, t: Any, reference: Any, dt: float
-) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None, float]:
-    if isinstance(log, Log):
-        if y is not None or t is not None or reference is not None:
-            raise InvalidArgumentError("a log has its own output, time and reference: leave out y, t and reference")
-        check_one_reference(len(log.reference_names))
-        stamps = None if log.stamps is None else increasing(log.stamps, log.input.size)
-        return log.input, log.output, stamps, log.reference, log.dt
-    if y is None:
-        raise no_output(log, "the input and the output")
-    u, y = record(log, y)
-    r = None if reference is None else reference_of(reference, u.size)
-    if t is None:
-        return u, y, None, r, dt
-    stamps = increasing(t, u.size)
-    return u, y, stamps, r, usual_interval(stamps, dt)
 
 
 def reference_of(reference: Any, samples: int) -> FloatArray:

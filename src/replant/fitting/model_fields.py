@@ -110,11 +110,31 @@ class Identified:
         return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
 
 
-class _Fields:
-    """The base of the fields of models of one input and of several: checks and equality."""
+class Fields:
+    """The base of the fields of models of one input and of several: checks, equality, and what follows for both."""
 
     parameters: FloatArray
+    dt: float
     covariance: FloatArray | None
+    provenance: Provenance
+    structures: Any  # tuple of Structure: a field, or the only one
+
+    @property
+    def places(self) -> list[slice]:
+        """Which of the parameters are those of each input."""
+        return places_of(self.structures)
+
+    @property
+    def transfer_functions(self) -> tuple[TransferFunction, ...]:
+        """G(s) from each input, as deviations from the working point."""
+        pairs = zip(self.structures, self.places, strict=True)
+        return tuple(each.transfer_function(self.parameters[rows]) for each, rows in pairs)
+
+    @property
+    def rests(self) -> bool:
+        """Whether constant inputs lead to rest within the duration of the record: no mode is slower."""
+        span = self.dt * self.provenance.samples if self.provenance.samples else math.inf
+        return all(has_rest(g, span) for g in self.transfer_functions)
 
     def _check(self, size: int) -> None:
         keep(self, "parameters", owned, (size,))
@@ -130,7 +150,7 @@ class _Fields:
                 keep(self, name, check, *how)
 
     def __eq__(self, other: object) -> bool:
-        return self._key == other._key if isinstance(other, _Fields) else NotImplemented
+        return self._key == other._key if isinstance(other, Fields) else NotImplemented
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -155,7 +175,7 @@ def _bits(value: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ModelFields(_Fields, Identified):
+class ModelFields(Fields, Identified):
     r"""The fields of a `Model`, and the properties that follow from them.
 
     .. math:: y = \mathrm{output\_level} + G(s)\,(\mathrm{map}(u) - \mathrm{input\_level})
@@ -183,6 +203,11 @@ class ModelFields(_Fields, Identified):
         self._check(self.structure.size)
 
     @property
+    def structures(self) -> tuple[Structure]:
+        """The structure, as the only one."""
+        return (self.structure,)
+
+    @property
     def num(self) -> FloatArray:
         """Numerator (m + 1,), in descending powers of s."""
         return self.transfer_function.num
@@ -198,12 +223,6 @@ class ModelFields(_Fields, Identified):
         return self.structure.delay
 
     @property
-    def rests(self) -> bool:
-        """Whether a constant input leads to rest within the duration of the record: no mode is slower."""
-        span = self.dt * self.provenance.samples
-        return has_rest(self.transfer_function, span if self.provenance.samples else math.inf)
-
-    @property
     def preprocess(self) -> Preprocess:
         """Input map and working point."""
         return Preprocess(self.input_map, self.input_level, self.output_level)
@@ -215,7 +234,7 @@ class ModelFields(_Fields, Identified):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RowFields(_Fields):
+class RowFields(Fields):
     """The fields of a `RowModel`, and the properties that follow from them."""
 
     structures: tuple[Structure, ...]
@@ -255,12 +274,6 @@ class RowFields(_Fields):
         """The names of the inputs, by the name that `Model` uses."""
         return self.input_names
 
-    @property
-    def transfer_functions(self) -> tuple[TransferFunction, ...]:
-        """G(s) from each input."""
-        pairs = zip(self.structures, self.places, strict=True)
-        return tuple(each.transfer_function(self.parameters[rows]) for each, rows in pairs)
-
     @cached_property
     def uncertainty(self) -> tuple[Uncertainty, ...] | None:
         """Standard deviations of each G(s): of its parameters, poles, gain and response; None without a covariance."""
@@ -268,11 +281,6 @@ class RowFields(_Fields):
             return None
         pairs = zip(self.structures, self.places, strict=True)
         return tuple(Uncertainty(each, self.parameters[k], self.covariance[k, k]) for each, k in pairs)
-
-    @property
-    def places(self) -> list[slice]:
-        """Which of the parameters are those of each input."""
-        return places_of(self.structures)
 
 
 def input_names_of(given: Any, count: int) -> tuple[str, ...]:

@@ -22,7 +22,6 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError, ModelFileErr
 from replant.fitting.model_fields import ModelFields, Provenance, RowFields
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
-from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.verdict.verdict import STATUSES, Verdict
@@ -68,7 +67,7 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
     else:
         layout, levels = OF_SEVERAL, zip(model.input_names, model.input_levels.tolist(), strict=True)
         inputs = [{"name": name, "level": level} for name, level in levels]
-    structures, plants = _plants(model)
+    plants = model.transfer_functions
     std = [value for each in known for value in each.std.tolist()] if known else [math.nan] * model.parameters.size
     noise = model.noise
     written: dict[str, Any] = {
@@ -76,7 +75,7 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
         "num": [g.num.tolist() for g in plants],
         "den": [g.den.tolist() for g in plants],
         "delay": [g.delay for g in plants],
-        "structure": [{name: getattr(each, name) for name in STRUCTURE} for each in structures],
+        "structure": [{name: getattr(each, name) for name in STRUCTURE} for each in model.structures],
         "parameters": {
             name: {"value": value, "std": finite(each)}
             for name, value, each in zip(model.names, model.parameters.tolist(), std, strict=True)
@@ -99,12 +98,6 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
     return written | {name: written[name][0] for name in PER_INPUT} if layout == VERSION else written
 
 
-def _plants(model: ModelFields | RowFields) -> tuple[tuple[Structure, ...], tuple[TransferFunction, ...]]:
-    if isinstance(model, ModelFields):
-        return (model.structure,), (model.transfer_function,)
-    return model.structures, model.transfer_functions
-
-
 #: What a file holds, and what reads it.
 KINDS = {
     VERSION: "a model of one input: read it by load_model, or Model.from_json",
@@ -121,7 +114,7 @@ def check_layout(read: Any, layout: int) -> None:
 
 def check_consistent(read: dict[str, Any], model: ModelFields | RowFields) -> None:
     """Check that the entries for other programs agree with the model."""
-    plants, single = _plants(model)[1], isinstance(model, ModelFields)
+    plants, single = model.transfer_functions, isinstance(model, ModelFields)
     for name in ("num", "den"):
         given = [read.get(name)] if single else _items(read, name, len(plants))
         pairs = [(each, getattr(g, name)) for each, g in zip(given, plants, strict=True)]
