@@ -120,7 +120,8 @@ def _reason(supposed: Supposed, structure: Structure, parameters: FloatArray) ->
     others = [each.evidence + sure for each, sure in ((given, -math.log(ALPHA)), (richer, 0.0)) if each is not None]
     if found is None or found.fit < POOREST_FIT or not found.evidence - price > max(others, default=-math.inf):
         return ""
-    theta, covariance = found.found.theta[: structure.size], found.found.covariance[: structure.size, : structure.size]
+    (theta,), (covariance,) = found.models, found.covariances()
+    theta, covariance = theta[: structure.size], covariance[: structure.size, : structure.size]
     dt = other.usual if math.isfinite(other.usual) else other.dt
     # a wrong structure proves nothing about the input that reached the plant
     if assess_record(structure, theta, other, dt, covariance).status != "trusted":

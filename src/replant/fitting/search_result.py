@@ -6,14 +6,12 @@ import html
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 from replant.fitting.fit_result import FitResult
 from replant.fitting.several_outputs import MatrixFit
-from replant.fitting.structure_evidence import Judged
+from replant.fitting.structure_evidence import ALPHA, Trial
 from replant.model.structure import Structure
-
-ALPHA = 1e-2  # level at which a better likelihood is more than chance [probability]
 
 # the loss a seventh of a standard deviation from the likeliest dead time
 WORTH = 0.01  # predicted gain below which no dead time between two points of the grid is tried [log-likelihood]
@@ -78,7 +76,7 @@ class SearchResult:
         The fit of the chosen structure to the whole record, its dead time found between the points of the grid.
     chosen : Candidate
     candidates : tuple of Candidate
-        All of the grid, in its order, and the one chosen, if it is not on the grid; with several inputs those that were
+        All of the grid, ascending, and the one chosen, if it is not on the grid; with several inputs those that were
         tried.
     between : bool
         Whether the dead time of the one chosen lies between the points of the grid.
@@ -145,12 +143,9 @@ class MatrixSearch:
         return "\n".join(f"{row.best.model.output_name}: {row!r}" for row in self.rows)
 
 
-Tried = TypeVar("Tried", bound=Judged)
-
-
 def likeliest_between(
-    trials: dict[float, Tried], low: float, high: float, dt: float, tried: Callable[[float, Tried], Tried | None]
-) -> Tried:
+    trials: dict[float, Trial], low: float, high: float, dt: float, tried: Callable[[float, Trial], Trial | None]
+) -> Trial:
     """Return the likeliest trial of dead times between two points of a grid; ``tried`` starts one from the nearest."""
 
     def is_tried(delay: float) -> bool:

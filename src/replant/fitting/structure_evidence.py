@@ -21,68 +21,87 @@ Identification: Theory for the User", section 16.4.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, stability_margin
-from replant.estimation.solver.refined_estimate import Refined, without_nuisances
+from replant.estimation.simulation.miso import Point, Row, evaluate
+from replant.estimation.solver.miso_steps import start
+from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.undetermined_poles import INFINITE, grown, with_poles
+from replant.fitting.miso_solve import covariance_of, differs, likeliest
 from replant.kernels.schema import LAGS
 from replant.model.state_space import unknown_outputs
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import quiet, real_coefficients, sum_of_squares
+from replant.numerics.linear_algebra import chi2_quantile, quiet, real_coefficients, sum_of_squares
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.estimate_tests import MOST_UNCERTAIN, without_longer
 from replant.verdict.verdict import Assessment
+
+ALPHA = 1e-2  # level at which a better likelihood is more than chance [probability]
 
 # a converter of 20 bits resolves as much
 FINEST = 1e-6  # deviation of a residual below which it is no evidence [part of the output's standard deviation]
 
 
+Structures = tuple[Structure, ...]  # one for each input
+
+
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """How likely a model makes a record of K samples."""
+class Trial:
+    """Structures fitted to a record of K samples, and how likely the model makes them."""
 
     likelihood: float  # logarithm of that of all samples
     price: float  # ln(K) / 2 for every number that was fitted
     fit: float  # in percent, of the simulated output, or of an unstable model of that predicted one step ahead
+    structures: Structures
+    models: list[FloatArray]  # of each input: its coefficients, and the numbers that a solver has found with them
+    covariances: Callable[[], list[FloatArray]]  # of each of these
 
     @property
     def evidence(self) -> float:
         """The log-likelihood less the price."""
         return self.likelihood - self.price
 
+    def is_within(self, structures: Structures) -> bool:
+        """Return whether the structures are no larger than others with the same dead times."""
+        pairs = zip(self.structures, structures, strict=True)
+        return all(a.delay == b.delay and a.poles <= b.poles and a.zeros <= b.zeros for a, b in pairs)
 
-@dataclass(frozen=True, eq=False)
-class Trial(Judged):
-    """A structure fitted to a record."""
+    def grown(self, structures: Structures, lag: float) -> list[FloatArray]:
+        """Return the models as those of larger structures, whose additional poles have a lag in s."""
+        return [
+            theta
+            if sizes_of([less]) == sizes_of([more])
+            else np.append(
+                grown(less, theta, more, lag), np.zeros(theta.size - less.coefficients + more.poles - less.poles)
+            )
+            for less, theta, more in zip(self.structures, self.models, structures, strict=True)
+        ]
 
-    structure: Structure
-    found: Refined
+    @quiet
+    def uncertainty(self, span: float) -> float:
+        """Return the largest standard deviation of a coefficient as a part of its size."""
+        parts = []
+        for structure, theta, covariance in zip(self.structures, self.models, self.covariances(), strict=True):
+            std = np.sqrt(np.maximum(np.diag(covariance)[: structure.coefficients], 0.0))
+            # the size of a_i is that of the coefficient of prod(s + abs(pole)), as if all poles were real
+            denominator = real_coefficients(theta[structure.denominator], 1.0 / span)
+            sizes = np.concatenate([denominator, np.abs(theta[structure.numerator])])
+            parts.append(std / np.maximum(sizes, np.finfo(float).tiny))
+        largest = float(np.concatenate(parts).max())
+        return largest if math.isfinite(largest) else math.inf
 
-    def grown(self, structure: Structure, dt: float) -> FloatArray:
-        """Return the model as one of a larger structure, with very fast additional poles."""
-        less, theta = self.structure, self.found.theta
-        model = np.zeros(theta.size + structure.coefficients - less.coefficients + structure.poles - less.poles)
-        model[: structure.coefficients] = grown(less, theta, structure, dt / INFINITE)
-        return model
 
-
-@quiet
-def least_known(structure: Structure, theta: FloatArray, covariance: FloatArray, span: float) -> float:
-    """Return the largest standard deviation of a coefficient as a part of its size."""
-    std = np.sqrt(np.maximum(np.diag(covariance)[: structure.coefficients], 0.0))
-    # of a_i the size is that of the coefficient of prod(s + abs(pole)), as if all poles were real; of b_j its own
-    denominator = real_coefficients(theta[structure.denominator], 1.0 / span)
-    sizes = np.concatenate([denominator, np.abs(theta[structure.numerator])])
-    largest = float((std / np.maximum(sizes, np.finfo(float).tiny)).max())
-    return largest if math.isfinite(largest) else math.inf
+def sizes_of(structures: Iterable[Structure]) -> list[tuple[int, int]]:
+    """Return the numbers of poles and zeros."""
+    return [(each.poles, each.zeros) for each in structures]
 
 
 class Evidence:
@@ -113,7 +132,25 @@ class Evidence:
         explained = self._explained(structure.delay)
         if not (np.isfinite(error).all() and explained.any()):
             return None
-        return Trial(*self.judged(error, explained, numbers_of(structure)), structure, found)
+        judged = self.judged(error, explained, numbers_of(structure))
+        return Trial(*judged, (structure,), [found.theta], lambda: [found.covariance])
+
+    def trials(self, structures: Structures, begin: Trial | None, *, afresh: bool) -> tuple[Trial, Trial] | None:
+        """Return the trial of a structure twice, started from another one or ``afresh``, as `RowEvidence` does."""
+        given = [] if begin is None else begin.grown(structures, self.record.dt / INFINITE)
+        trial = self.of(structures[0], given, afresh=afresh) if np.ptp(self.record.u) > 0.0 else None
+        return None if trial is None else (trial, trial)
+
+    def in_motion(self, trial: Trial) -> Evidence | None:
+        """Return the evidence without the rest before the record, if that makes a trial likelier than by chance."""
+        (structure,) = trial.structures
+        if not (self.at_rest and structure.delay):
+            return None
+        moving = Evidence(self.record, at_rest=False)
+        found = moving.of(structure, trial.models)
+        unknown = self.record.unknown(structure.delay) * len(self.record.parts)
+        gain = -math.inf if found is None else found.evidence - trial.evidence
+        return moving if gain > 0.5 * chi2_quantile(1.0 - ALPHA, unknown) else None
 
     @quiet
     def of_error(self, structure: Structure, error: FloatArray) -> tuple[float, Autoregression]:
@@ -186,6 +223,55 @@ def numbers_of(structure: Structure) -> int:
     return structure.size + structure.poles + bool(structure.delay)
 
 
+class RowEvidence:
+    """Fits the structures of several inputs to one record, and computes their evidence.
+
+    If a structure is wrong, an autoregression explains its error as noise: with little noise in the record it predicts
+    a smooth error almost as well as a right structure does, and the evidence does not discriminate.  As long as this
+    holds for all trials (`differs`), they are judged by their errors without a noise model.
+    """
+
+    def __init__(self, record: Record, inputs: FloatArray) -> None:
+        self.record, self.inputs, self._evidence = record, inputs, Evidence(record, at_rest=False)
+
+    @quiet
+    def trials(self, structures: Structures, begin: Trial | None, *, afresh: bool) -> tuple[Trial, Trial] | None:
+        """Return the trials without and with noise model, from another trial, ``afresh`` also from new starts."""
+        row = Row(structures, self.record, self.inputs)
+        if row.count <= sum(each.size for each in structures) + row.nuisances:
+            return None
+        begins = start(structures, self.record, self.inputs) if afresh else []
+        if begin is not None:
+            pairs = zip(begin.grown(structures, row.dt), structures, strict=True)
+            theta = np.concatenate([each[: structure.coefficients] for each, structure in pairs])
+            begins += [evaluate(row, theta, Autoregression.white(1.0, row.count))] if row.is_stable(theta) else []
+        if not begins:
+            return None
+        free, point, noise, *_ = likeliest(row, begins, lambda noise: [])
+        found = self._judged(row, point, whitened=True)
+        if found is None or not noise.order or not differs(row, free, point):
+            return None if found is None else (found, found)  # the noise model explains nothing but noise
+        plain = self._judged(row, free, whitened=False)
+        return None if plain is None else (plain, found)
+
+    def in_motion(self, trial: Trial) -> None:
+        """Return None: the rest before the record is never assumed."""
+
+    def _judged(self, row: Row, point: Point, *, whitened: bool) -> Trial | None:
+        error, explained = np.zeros(self.record.u.size), np.zeros(self.record.u.size, bool)
+        for stretch, residual in zip(row.stretches, point.residual, strict=True):
+            error[stretch.rows], explained[stretch.rows] = residual, stretch.measured
+        if not (np.isfinite(error).all() and explained.any()):
+            return None
+        judged = self._evidence.judged(error, explained, sum(map(numbers_of, row.structures)), whitened=whitened)
+
+        def covariances() -> list[FloatArray]:
+            covariance = covariance_of(row, point)
+            return [covariance[rows, rows] for rows in row.places]
+
+        return Trial(*judged, row.structures, row.branches(point.theta), covariances)
+
+
 def with_fewer_poles(verdict: Assessment, structure: Structure, parameters: FloatArray, record: Record) -> Assessment:
     """Return the verdict on a model (P,), with a reason if fewer poles have more evidence: first, unless trusted."""
     is_uncertain = verdict.excited and verdict.uncertainty > MOST_UNCERTAIN
@@ -195,9 +281,9 @@ def with_fewer_poles(verdict: Assessment, structure: Structure, parameters: Floa
     trials = [evidence.of(structure, [without_nuisances(structure, parameters)])]
     trials += [evidence.of(with_poles(structure, poles), ()) for poles in range(1, structure.poles)]
     best = max(filter(None, trials), key=lambda trial: trial.evidence, default=None)
-    if best is None or best.structure.poles == structure.poles:
+    if best is None or best.structures[0].poles == structure.poles:
         return verdict
-    fewer = best.structure.poles
+    fewer = best.structures[0].poles
     reason = f"with fewer poles the record is likelier: ask for {'one pole' if fewer == 1 else f'{fewer} poles'}"
     verdict = without_longer(verdict)  # no longer record determines a pole that does not exist
     reasons = (*verdict.reasons, reason) if verdict.status == "trusted" else (reason, *verdict.reasons)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,23 +11,22 @@ from typing import Any, overload
 import numpy as np
 
 from replant.errors import InvalidArgumentError
-from replant.estimation.engine.record import Record
 from replant.estimation.filters import RefinedFilter
-from replant.estimation.solver.solve import at_first, leaving_out, solve
+from replant.estimation.solver.solve import leaving_out, suspected
 from replant.fitting.fit import fit_samples
-from replant.fitting.miso_fit import RowFit, fit_row, is_row
-from replant.fitting.miso_search import Options, search_rows
+from replant.fitting.miso_fit import RowFit, fit_row, is_row, ready_row
+from replant.fitting.miso_solve import with_outside
 from replant.fitting.samples import Samples
-from replant.fitting.search_result import ALPHA, Candidate, MatrixSearch, SearchResult, likeliest_between
+from replant.fitting.search_result import Candidate, MatrixSearch, SearchResult
+from replant.fitting.search_walk import Options, Walk
 from replant.fitting.several_outputs import are_rows, in_columns, own_of, samples_of_outputs
-from replant.fitting.structure_evidence import Evidence, Trial, least_known
+from replant.fitting.structure_evidence import Evidence, RowEvidence, Structures, Trial
+from replant.kernels.schema import Doubt
 from replant.model.interop import in_our_words
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics.arguments import whole
 from replant.numerics.limits import MOST_TRIED, dead_time, duration, several
-from replant.numerics.linear_algebra import chi2_quantile
-from replant.verdict.evidence import CONSTANT, is_constant
 
 
 @overload
@@ -138,10 +136,8 @@ def search(
 
 def as_row(found: SearchResult, given: Samples) -> SearchResult:
     """Return the result of a search with its best as a row, as in a matrix of several outputs."""
-    if isinstance(found.best, RowFit):
-        return found
-    each = found.best.structure
-    return replace(found, best=fit_row(in_columns(given), (each.poles,), (each.zeros,), (each.delay,)))
+    is_one = not isinstance(found.best, RowFit)
+    return replace(found, best=fit_row(in_columns(given), *_orders(found.chosen.structures))) if is_one else found
 
 
 def _searched(
@@ -153,187 +149,78 @@ def _searched(
     preprocess: Preprocess | None,
     progress: Callable[[int, int], None],
 ) -> SearchResult:
-    if is_row(given):
-        return search_rows(given, _options(given, poles, zeros, delays), progress)
-    preprocess = given.preprocess if preprocess is None else preprocess
-    dt, times = duration("dt", given.dt), _times(delays)
-    grid = _grid(poles, zeros, times, bias)
-    hold = RefinedFilter(given.input_hold)
-    raw, r, _ = given.checked(replace(grid[0], delay=times[-1]), dt, given.input_hold, preprocess)
-    ready = raw.made_ready(r)
-    # without outputs that are bad by the smallest structure, or without a model: a fast pole with an initial state of a
-    # larger structure would fit a bad first output
-    solution = solve(min(grid, key=_size), ready)
-    used = at_first(ready) if solution is None else leaving_out(ready, solution.doubt)
+    options = _options(np.shape(given.inputs)[1] if is_row(given) else 1, poles, zeros, delays, bias)
+    longest = tuple(Structure(*each.sizes[0], each.delays[-1], bias) for each in options)
+    record, inputs, rows, evidence_of, fitted = _prepared(given, longest, preprocess)
+    grid: list[Structures] = [] if options[1:] else [(each,) for each in options[0].structures]
+    count, seen = len(grid) or sum(len(each.sizes) + len(each.delays) for each in options), 0
+
+    def say(done: int) -> None:
+        nonlocal seen
+        seen = max(seen, min(done, count - 1))
+        progress(seen, count)
+
+    used = leaving_out(record, suspected(record, inputs))
     for _ in range(2):
-        sweep = _Sweep(used, grid, times, progress)
-        chosen = sweep.chosen
-        best = fit_samples(given, chosen.structure, "srivc", hold, preprocess)
-        made = best.record
-        if made is None or made.u.size != used.u.size or (made.is_measured == used.is_measured).all():
+        walk = Walk(evidence_of(used), options, say)
+        chosen = walk.chosen()
+        best = fitted(chosen.structures)
+        bad = np.zeros(rows.size, bool)
+        bad[best.outliers] = bad[best.stuck] = True
+        again = leaving_out(record, np.where(record.is_measured & ~bad[rows], Doubt.NONE, Doubt.MISSING))
+        if (again.is_measured == used.is_measured).all():
             break
-        used = replace(used, y=made.y, measured=made.measured)  # and again, without outputs that are bad by this model
-    progress(len(grid), len(grid))
-    shown = list(dict.fromkeys([*grid, chosen.structure]))
-    candidates = tuple(sweep.candidate(structure) for structure in shown)
-    return SearchResult(best, candidates[shown.index(chosen.structure)], candidates, chosen.structure not in grid)
+        used = again  # and again, without outputs that are bad by this model
+    progress(count, count)
+    tried, places = walk.tried, [each.delays for each in options]
+    grid = grid or [key for key in tried if all(one.delay in of for one, of in zip(key, places, strict=True))]
+    shown = {key: _candidate(key, tried.get(key), used.span) for key in dict.fromkeys([*grid, chosen.structures])}
+    return SearchResult(best, shown[chosen.structures], tuple(shown.values()), chosen.structures not in grid)
 
 
-class _Sweep:
-    """Walks over the grid, from small structures to large ones and from the most likely dead time to its neighbours."""
-
-    def __init__(
-        self, ready: Record, grid: list[Structure], delays: list[float], progress: Callable[[int, int], None]
-    ) -> None:
-        self._evidence, self._grid, self._delays = Evidence(ready, at_rest=True), grid, delays
-        self._progress, self._seen = progress, 0
-        self._tried: dict[Structure, Trial | None] = {}
-        self._between: dict[tuple[int, int], Trial] = {}
-        # a trial cannot win if it is behind by more than all its parameters gain by chance
-        self._reach = chi2_quantile(1.0 - ALPHA, max(structure.size for structure in grid) + 1)
-        if ready.u.size and float(np.ptp(ready.u)) > 0.0:
-            self._walk()
-
-    @property
-    def chosen(self) -> Trial:
-        """The trial with the most evidence; its dead time is of the grid, unless another is worth its price."""
-        top = self._top
-        if top is None:
-            why = f" No, {CONSTANT}" if is_constant(self._evidence.record.u) else ""
-            asked = "does the input move the output?"
-            raise InvalidArgumentError(f"no structure of the grid explains this record: {asked}{why}")
-        on_grid = max(self._of(_size(top.structure)), key=lambda trial: trial.evidence)
-        paid = top.likelihood - on_grid.likelihood > 0.5 * math.log(self._evidence.record.u.size)
-        return top if paid else on_grid
-
-    def candidate(self, structure: Structure) -> Candidate:
-        """Return the candidate of a structure of the grid, or of the one chosen."""
-        trial = self._tried.get(structure, self._between.get(_size(structure)))
-        if trial is None or trial.structure != structure:
-            return Candidate(structure)
-        found, span = trial.found, self._evidence.record.span
-        uncertainty = least_known(structure, found.theta, found.covariance, span)
-        return Candidate(structure, trial.fit, trial.likelihood, -2.0 * trial.evidence, uncertainty)
-
-    @property
-    def _top(self) -> Trial | None:
-        trials = [*(trial for trial in self._tried.values() if trial is not None), *self._between.values()]
-        return max(trials, key=lambda trial: trial.evidence, default=None)
-
-    def _of(self, size: tuple[int, int]) -> list[Trial]:
-        return [trial for trial in self._tried.values() if trial is not None and _size(trial.structure) == size]
-
-    def _walk(self) -> None:
-        """Try all structures that can win."""
-        for size in sorted({_size(structure) for structure in self._grid}):
-            self._along_delays(size)
-            if self._begins_in_motion():
-                self._evidence = Evidence(self._evidence.record, at_rest=False)
-                self._tried, self._between = {}, {}
-                self._walk()
-                return
-            if trials := self._of(size):
-                self._refine_delay(max(trials, key=lambda trial: trial.evidence))
-
-    def _begins_in_motion(self) -> bool:
-        """Return whether unknown inputs before the record make it likelier than by chance."""
-        top, record = self._top, self._evidence.record
-        if top is None or not self._evidence.at_rest or not top.structure.delay:
-            return False
-        moving = Evidence(record, at_rest=False).of(top.structure, [top.found.theta])
-        unknown = record.unknown(top.structure.delay) * len(record.parts)
-        return moving is not None and moving.evidence - top.evidence > 0.5 * chi2_quantile(1.0 - ALPHA, unknown)
-
-    def _along_delays(self, size: tuple[int, int]) -> None:
-        """Try one number of poles and zeros with the dead times around the best one so far; at first with all."""
-        top = self._top
-        best = self._delays[0] if top is None else top.structure.delay
-        begin = int(np.argmin(np.abs(np.array(self._delays) - best)))
-        start = self._try(size, begin, None)
-        for steps in (range(begin - 1, -1, -1), range(begin + 1, len(self._delays))):
-            last = start
-            for k in steps:
-                trial = self._try(size, k, last)
-                falls = trial is None or last is None or trial.evidence < last.evidence
-                if top is not None and falls and self._is_out(trial):
-                    break
-                last = trial or last
-
-    def _is_out(self, trial: Trial | None) -> bool:
-        top = self._top
-        return trial is None or (top is not None and trial.evidence < top.evidence - self._reach)
-
-    def _try(self, size: tuple[int, int], k: int, beside: Trial | None) -> Trial | None:
-        """Try a structure, from the dead time beside it, or from a smaller structure and fast poles, or afresh."""
-        self._seen = max(self._seen, len(self._tried))
-        self._progress(self._seen, len(self._grid))
-        structure, dt = Structure(*size, self._delays[k], self._grid[0].bias), self._evidence.record.dt
-        smaller = [
-            trial
-            for each, trial in self._tried.items()
-            if trial is not None and each.delay == structure.delay and each.poles <= size[0] and each.zeros <= size[1]
-        ]
-        inner = max(smaller, key=lambda trial: trial.likelihood, default=None)
-        if beside is not None:
-            trial = self._evidence.of(structure, [beside.found.theta])
-            worse = inner is not None and (trial is None or trial.likelihood < inner.likelihood)
-            if inner is not None and worse and not self._is_out(inner):  # it has not converged
-                again = self._evidence.of(structure, [inner.grown(structure, dt)])
-                trial = max(filter(None, (trial, again)), key=lambda each: each.likelihood, default=None)
-        else:
-            known = [] if inner is None else [inner.grown(structure, dt)]
-            afresh = inner is None or inner.structure.poles < structure.poles
-            trial = self._evidence.of(structure, known, afresh=afresh)
-        self._tried[structure] = trial
-        return trial
-
-    def _refine_delay(self, best: Trial) -> None:
-        """Find the likeliest dead time between the neighbours of the best one of the grid."""
-        k, top = self._delays.index(best.structure.delay), self._top
-        low, high = self._delays[max(k - 1, 0)], self._delays[min(k + 1, len(self._delays) - 1)]
-        if not high > low or (top is not None and best.evidence < top.evidence - 3.0 * self._reach):
-            return
-        alike = self._of(_size(best.structure))
-        found = {trial.structure.delay: trial for trial in alike if low <= trial.structure.delay <= high}
-
-        def tried(delay: float, beside: Trial) -> Trial | None:
-            return self._evidence.of(replace(best.structure, delay=delay), [beside.found.theta])
-
-        self._between[_size(best.structure)] = likeliest_between(found, low, high, self._evidence.record.dt, tried)
+def _candidate(structures: Structures, trial: Trial | None, span: float) -> Candidate:
+    structure = structures if structures[1:] else structures[0]
+    if trial is None:
+        return Candidate(structure)
+    return Candidate(structure, trial.fit, trial.likelihood, -2.0 * trial.evidence, trial.uncertainty(span))
 
 
-def _options(given: Samples, poles: Any, zeros: Any, delays: Any) -> list[Options]:
-    """Return the options of each of several inputs: the same for all, or a range for each."""
-    count = np.shape(given.inputs)[1]
+def _prepared(given: Samples, longest: Structures, preprocess: Preprocess | None) -> tuple[Any, ...]:
+    """Return the record (J,), several inputs of it, which samples (K,) these are, how to judge it and how to fit."""
+    if is_row(given):
+        ready, _, references, _ = ready_row(given, *_orders(longest))
+        ready, _ = with_outside(ready, references, ["u"] * len(longest))
+        judge = partial(RowEvidence, inputs=ready.inputs if ready.outside is None else ready.outside.inputs)
+        return ready.record, ready.inputs, ready.used, judge, lambda chosen: fit_row(given, *_orders(chosen))
+    preprocess = given.preprocess if preprocess is None else preprocess
+    raw, r, _ = given.checked(longest[0], duration("dt", given.dt), given.input_hold, preprocess)
+    how: Any = "srivc", RefinedFilter(given.input_hold), preprocess
+    at_rest = partial(Evidence, at_rest=True)
+    return raw.made_ready(r), None, raw.made_use_of, at_rest, lambda chosen: fit_samples(given, chosen[0], *how)
+
+
+def _orders(structures: Structures) -> list[tuple[Any, ...]]:
+    return [tuple(getattr(each, name) for each in structures) for name in ("poles", "zeros", "delay")]
+
+
+def _options(inputs: int, poles: Any, zeros: Any, delays: Any, bias: bool) -> list[Options]:
+    """Return the options of each input: the same for all, or a range for each."""
     asked, found = {"poles": poles, "zeros": zeros, "delays": delays}, []
-    for i in range(count):
-        n, m, times = (own_of(name, each, i, count, "ranges and u {} inputs") for name, each in asked.items())
-        grid = _grid(n, m, (0.0,), bias=False)
-        found.append(Options(sorted({_size(structure) for structure in grid}), _times(times)))
+    for i in range(inputs):
+        each = (own_of(name, given, i, inputs, "ranges and u {} inputs") for name, given in asked.items())
+        found.append(Options(*_checked(*each), bias))
+    if inputs == 1 and len(found[0].structures) > MOST_TRIED:
+        raise InvalidArgumentError(f"the grid of poles, zeros and delays must have at most {MOST_TRIED} structures")
     return found
 
 
-def _times(delays: Any) -> list[float]:
-    return sorted(set(several("delays", delays, dead_time)))
-
-
-def _size(structure: Structure) -> tuple[int, int]:
-    return structure.poles, structure.zeros
-
-
-def _grid(poles: Any, zeros: Any, delays: Sequence[float], bias: bool) -> list[Structure]:
+def _checked(poles: Any, zeros: Any, delays: Any) -> tuple[list[tuple[int, int]], list[float]]:
+    """Return the numbers of poles and zeros, and the dead times, ascending."""
+    times = sorted(set(several("delays", delays, dead_time)))
     numbers = several("poles", poles, partial(whole, least=1))
     allowed = None if zeros is None else several("zeros", zeros, partial(whole, least=0))
     orders = [Structure(n).poles for n in numbers]  # raises for too many
-    if len(orders) * (len(allowed) if allowed else 1) * len(delays) > MOST_TRIED:
-        raise InvalidArgumentError(f"the grid of poles, zeros and delays must have at most {MOST_TRIED} structures")
-    grid = [
-        Structure(n, m, delay, bias)
-        for n in orders
-        for m in (range(n) if allowed is None else allowed)
-        if m < n
-        for delay in delays
-    ]
-    if not grid:
+    sizes = {(n, m) for n in orders for m in (range(n) if allowed is None else allowed) if m < n}
+    if not sizes:
         raise InvalidArgumentError("the grid holds no possible structure: zeros must be fewer than poles")
-    return grid
+    return sorted(sizes), times
