@@ -15,6 +15,7 @@ import pytest
 import replant as rp
 from replant.live.outputs.message import ENDED, UNKNOWN
 from replant.live.progress import Limits, Progress, resume
+from replant.live.session import _resumed
 from replant.live.streams.addresses import Address
 from replant.live.streams.serial_and_network import PipeSource
 from replant.online import saving
@@ -164,7 +165,7 @@ def test_what_has_come_in_already_is_learned_before_it_ends() -> None:
 def test_a_checkpoint_is_written_before_anything_that_may_take_long(tmp_path: Path) -> None:
     class Slow(FakeObserver):
         def wait_for_view(self, *_: Any) -> None:
-            self.found = (tmp_path / "rig").exists()
+            self.found = saving.load(tmp_path / "rig").progress["taken"] == 300
 
     observer = Slow()
     session, _ = make(FakeSource(*record(300)), observer=observer, path=tmp_path / "rig", every=1e9)
@@ -317,6 +318,36 @@ def test_a_source_that_fails_leaves_a_checkpoint(tmp_path: Path) -> None:
     with pytest.raises(rp.LogError, match="the wire is gone"):
         session.run()
     assert saving.load(tmp_path / "rig").progress["taken"] == session.progress.taken >= 900
+
+
+def test_a_record_has_a_checkpoint_from_its_first_sample_on(tmp_path: Path) -> None:
+    """After a power cut the same command goes on, even before a checkpoint was due."""
+    found: list[Any] = []
+
+    def cut(done: int) -> None:
+        if not found:
+            (tmp_path / "cut").write_bytes((tmp_path / "rig").read_bytes())
+            found.append(saving.load(tmp_path / "cut").progress["taken"])
+
+    u, y = record()
+    make(FakeSource(u, y, between=cut), path=tmp_path / "rig", every=1e9)[0].run()
+    assert found == [0]
+    loaded = resume(tmp_path / "cut", REQUEST)
+    assert loaded is not None
+    progress = Progress.of(loaded.progress)
+    session, _ = make(FakeSource(u, y), path=tmp_path / "cut", identifier=loaded.identifier, progress=progress)
+    session.run()
+    assert session.identifier.to_bytes() == learned(u, y, DT * np.arange(u.size))
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_a_damaged_checkpoint_is_refused_with_what_to_do(before: bool, tmp_path: Path) -> None:
+    path = tmp_path / "rig"
+    for each in (path, tmp_path / "rig.previous") if before else (path,):
+        each.write_bytes(b"")
+    with pytest.raises(rp.DamagedCheckpointError, match=r"it is empty.*; move .*rig.* away to start anew") as refused:
+        _resumed(path, REQUEST, background=False)
+    assert ("its .previous" in str(refused.value)) == before
 
 
 def test_counters_go_on_over_a_resumption(tmp_path: Path) -> None:

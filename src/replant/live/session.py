@@ -46,7 +46,9 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.limits import typed_path
 from replant.numerics.operating_system import alone, refusal
+from replant.online.checkpoint_file import previous
 from replant.online.identifier import Identifier
+from replant.online.saving import Loaded
 from replant.verdict.estimate_tests import MOVED_SIGMAS
 
 PATIENCE = 1.0  # time without a sample after which the first refused line is shown [s]
@@ -88,6 +90,8 @@ class Session:
         self._publisher.start(self._estimate())
         try:
             with stop_on_signals(self.stop):
+                if not self.progress.taken:  # after a power cut no record may lack a checkpoint to go on with
+                    self._write_checkpoint("first")
                 try:
                     self._learn(start)
                 except Exception as error:  # learning cannot continue: save what was learned
@@ -280,8 +284,7 @@ class Session:
         with self._refusals_reported("record"):
             self._flush_record()
         self.disk_writer.wait()
-        with self._refusals_reported("last checkpoint"):
-            self._write_last_checkpoint()
+        self._write_checkpoint("last")
         # the last verdict covers all samples; the status "ended", not silence, shows that no sample follows
         with self._refusals_reported("last view"):
             self.observer.wait_for_view(self.identifier, replace(self.info, silence=0.0))
@@ -293,17 +296,18 @@ class Session:
             self._flush_record()
         self.disk_writer.close()
 
-    def _write_last_checkpoint(self) -> None:
-        """Write the last checkpoint, unless the identifier holds samples that the progress does not count."""
+    def _write_checkpoint(self, which: str) -> None:
+        """Write a checkpoint now, unless the identifier holds samples that the progress does not count."""
         if self.checkpoints is None:
             return
         if self._inconsistent:
-            self.observer.show("replant: no last checkpoint: learning was interrupted; the one before is kept")
+            self.observer.show(f"replant: no {which} checkpoint: learning was interrupted; the one before is kept")
             return
-        try:
-            self.checkpoints.write_now(self.identifier, self.progress.with_counters(self.source.counters))
-        except CheckpointError as error:
-            self.observer.show(f"replant: {error}")
+        with self._refusals_reported(f"{which} checkpoint"):
+            try:
+                self.checkpoints.write_now(self.identifier, self.progress.with_counters(self.source.counters))
+            except CheckpointError as error:
+                self.observer.show(f"replant: {error}")
 
 
 M_MMAP_THRESHOLD = -3  # name of the setting in malloc.h [number]
@@ -400,13 +404,14 @@ def _resumed(path: Path, request: AnyRequest, *, background: bool) -> tuple[Prog
     """Return progress, identifier and messages for the user from a checkpoint; None if there is no checkpoint yet."""
     if not path.absolute().parent.is_dir():
         raise InvalidArgumentError(f"--checkpoint {path}: there is no folder {path.parent}; make it first")
-    loaded = resume(path, request)
-    if loaded is None:
-        return None
     try:
-        progress = Progress.of(loaded.progress)
+        loaded = resume(path, request)
+        if loaded is None:
+            return None
+        progress = _progress_in(loaded, path)
     except DamagedCheckpointError as error:
-        raise DamagedCheckpointError(f"{path}: {error}") from error
+        away = typed_path(path) if not previous(path).exists() else f"{typed_path(path)} and its .previous"
+        raise DamagedCheckpointError(f"{error}; move {away} away to start anew") from error
     if background and not loaded.identifier.background:
         raise InvalidArgumentError(
             f"--background: {path} was made without a second process; leave the option out, or begin anew"
@@ -415,3 +420,10 @@ def _resumed(path: Path, request: AnyRequest, *, background: bool) -> tuple[Prog
     if loaded.used_previous:
         messages.insert(0, f"replant: {loaded.used_previous}; the previous checkpoint is used instead")
     return progress, loaded.identifier, messages
+
+
+def _progress_in(loaded: Loaded, path: Path) -> Progress:
+    try:
+        return Progress.of(loaded.progress)
+    except DamagedCheckpointError as error:
+        raise DamagedCheckpointError(f"{path}: {error}") from error

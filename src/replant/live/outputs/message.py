@@ -233,7 +233,8 @@ class _Parts:
             raise InvalidArgumentError(f"--record: {one_line(error)}; choose a folder that can be written") from None
         if self._found and not go_on:
             raise InvalidArgumentError(
-                f"--record: {folder} already holds a record; choose another folder, or continue with its --checkpoint"
+                f"--record: {folder} already holds a record; choose another folder, or continue with its --checkpoint; "
+                "if there is none, move the record away"
             )
         self._number = int(self._found[-1].stem.removeprefix("part-")) if self._found else 0
 
