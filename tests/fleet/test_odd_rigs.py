@@ -306,6 +306,24 @@ def test_the_page_has_all_rigs_and_needs_no_other_file(tmp_path: Path) -> None:
     assert "natural frequency 0.5" in text
 
 
+def test_a_trusted_rig_with_many_rejected_samples_is_named(tmp_path: Path) -> None:
+    """The rule is that of a report: from 1 % on."""
+    rng = np.random.default_rng(0)
+    counts: dict = {"few": 10, "stuck": 750}
+    rows = [
+        row(name, 2.0, 12.0, 0.4, SURE, rng, recorded=1000, rejected=each, rejected_why=f"{each} stuck")
+        for name, each in counts.items()
+    ]
+    page = write_page(saved(tmp_path / "now", [*fleet(0, 40), *rows]))
+    text, said = page.read_text(encoding="utf-8"), "75 % of the record could not be used: 750 stuck"
+    section = text[text.index('id="rejected"') : text.index('id="distributions"')].replace("\xa0", " ")
+    assert said in section
+    assert ">few<" not in section
+    table = data_of(page)
+    why = {each[0]: each[[column["name"] for column in table["columns"]].index("why")] for each in table["rows"]}
+    assert (why["stuck"], why["few"], why["rig0000"]) == (said, "", "")
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator:
     """The system's Chromium; not for longer than a module: its loop would stand in the way of others."""
@@ -332,6 +350,19 @@ def test_an_odd_rig_leads_to_its_row_and_its_reason_is_read_on_a_telephone(brows
     why = meant.locator("td.long").bounding_box()
     assert why["x"] >= 0.0
     assert why["x"] + why["width"] <= 400.0
+
+
+@pytest.mark.parametrize("width", [1200, 1440])
+def test_the_table_is_shown_to_its_last_column(browser, width: int, tmp_path: Path) -> None:
+    """Of two poles, 13 columns, of which a wide window has the room beside the column of text."""
+    rng, long = np.random.default_rng(0), {"verdict": "inconsistent", "fit": 10.0}
+    rows = [*fleet(0, 40), row("slow", 2.0, 6.0, 0.4, SURE, rng), row("other", 2.0, 6.0, 0.4, SURE, rng, **long)]
+    shown = new_page(browser, viewport={"width": width, "height": 900})
+    shown.goto(write_page(saved(tmp_path / "now", rows)).as_uri())
+    table = shown.locator(".rigs").bounding_box()
+    last = shown.locator("#head th").last.bounding_box()
+    assert last["x"] + last["width"] <= table["x"] + table["width"] + 1.0
+    assert shown.evaluate("document.documentElement.scrollWidth") <= width
 
 
 def test_one_odd_rig_is_counted_as_one_and_failed_rigs_are_not_called_odd(tmp_path: Path) -> None:

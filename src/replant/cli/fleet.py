@@ -17,12 +17,12 @@ from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
 from replant.fleet.fit import Fleet, fit, load
 from replant.fleet.job import METHODS, MODELS, TABLE, Shape, job_key, wanted
-from replant.fleet.odd_rigs import check_comparable, oddness_of
+from replant.fleet.odd_rigs import check_comparable, lost_samples_of, oddness_of
 from replant.fleet.page import MOST_REPORTS, write_page, write_reports
 from replant.fleet.store import FAILED
 from replant.logs.table import listed
 
-NAMED = 5  # odd rigs that the terminal names [count]
+NAMED = 5  # rigs of a kind that the terminal names [count]
 
 
 @click.command(name="fleet")
@@ -125,6 +125,13 @@ def _plain(text: str) -> str:
     return "".join(sign if sign.isprintable() else "?" for sign in text)
 
 
+def _name(rigs: list[tuple[str, str]]) -> None:
+    for rig, why in rigs[:NAMED]:
+        click.echo(_plain(f"  {rig}: {why}"))
+    if len(rigs) > NAMED:
+        click.echo(f"  ... {len(rigs) - NAMED:,} more on the page")
+
+
 def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
     table, verdicts = found.table(), found.verdicts
     names, all_odd = table.column("rig").to_pylist(), oddness_of(table, found.shape)
@@ -137,10 +144,11 @@ def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
     click.echo(f"{len(found):,} rigs: " + ", ".join(f"{count:,} {verdict}" for verdict, count in verdicts.items()))
     if odd:
         click.echo(f"{len(odd):,} {'is' if len(odd) == 1 else 'are'} odd, farther from the fleet than chance explains:")
-    for rig, why in odd[:NAMED]:
-        click.echo(_plain(f"  {rig}: {why}"))
-    if len(odd) > NAMED:
-        click.echo(f"  ... {len(odd) - NAMED:,} more on the page")
+    _name(odd)
+    lost = [(name, why) for name, why in zip(names, lost_samples_of(table), strict=True) if why]
+    if lost:
+        click.echo(f"{len(lost):,} {'has' if len(lost) == 1 else 'have'} many rejected samples:")
+    _name(lost)
     for path in (found.folder / TABLE, found.folder / MODELS, page):
         click.echo(f"wrote {path}")
     if FAILED in verdicts:

@@ -88,7 +88,7 @@ def wanted(
 
 
 METHODS = ("run", "fit")
-FORMAT = 3  # version of a fleet's files; files of another version are made anew [number]
+FORMAT = 4  # version of a fleet's files; files of another version are made anew [number]
 
 
 @dataclass(frozen=True)

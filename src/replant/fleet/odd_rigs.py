@@ -25,6 +25,7 @@ from replant.fleet.statistics import (
 )
 from replant.fleet.store import FAILED, column, verdicts_of
 from replant.numerics.arguments import BoolArray, FloatArray
+from replant.report.findings import much_rejected
 
 FEWEST = 8  # trusted rigs beyond the number of coefficients that suffice to determine what is usual [count]
 # a normal variable exceeds it in one of 16,000 cases
@@ -134,6 +135,15 @@ def _least_fit(trusted: FloatArray) -> float:
     if known.size < FEWEST:
         return -math.inf
     return 100.0 - UNEXPLAINED * float(np.quantile(100.0 - known, 0.9))
+
+
+def lost_samples_of(table: Any) -> list[str]:
+    """Return by the rule of a report which part of each rig's record is rejected, and why; empty if it is small."""
+    if "recorded" not in table.column_names:  # results of an older version
+        return [""] * table.num_rows
+    rejected, recorded = ([count or 0 for count in table.column(name).to_pylist()] for name in ("rejected", "recorded"))
+    why = table.column("rejected_why").to_pylist()
+    return [much_rejected(*each) for each in zip(rejected, recorded, why, strict=True)]
 
 
 BEFORE = "what it was"

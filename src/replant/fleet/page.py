@@ -18,7 +18,7 @@ from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import carried_out, workers
 from replant.fleet.fit import Fleet
 from replant.fleet.job import REPORTS, Job, Rig, replacing, report_path
-from replant.fleet.odd_rigs import Drift, Oddness, drift_between, oddness_of
+from replant.fleet.odd_rigs import Drift, Oddness, drift_between, lost_samples_of, oddness_of
 from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column, verdicts_of
 from replant.fleet.worker import opened, result_of
@@ -144,7 +144,7 @@ def _verdicts(counts: dict[str, int]) -> str:
 
 
 def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
-    """Return the sections of odd rigs, and of those that failed."""
+    """Return the sections of odd rigs, of those that failed, and of those with many rejected samples."""
     rigs, verdicts, reasons = (table.column(name).to_pylist() for name in ("rig", "verdict", "reasons"))
     if not found.usual:
         note = "Too few rigs are trusted to determine what is usual."
@@ -173,6 +173,10 @@ def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
     shown = section("Odd rigs", f'<p class="note">{words(note)}</p>{told}', _listed(odd[:MOST_LISTED]), anchor="odd")
     if failed:
         shown += section("Failed rigs", _listed(failed[:MOST_LISTED]), anchor="failed")
+    lost = lost_samples_of(table)
+    rejected = [(_linked(fleet, rigs[row], rank), lost[row]) for rank, row in ranked if lost[row]]
+    if rejected:
+        shown += section("Rejected samples", _listed(rejected[:MOST_LISTED]), anchor="rejected")
     return shown
 
 
@@ -244,7 +248,8 @@ def _data(fleet: Fleet, table: Any, found: Oddness) -> dict[str, Any]:
     """Return the rows of the table for the page's script."""
     order = found.order[:MOST_ROWS]
     rigs, verdicts, reasons = (table.column(name).to_pylist() for name in ("rig", "verdict", "reasons"))
-    why = [found.words[row] or ("" if verdicts[row] == "trusted" else reasons[row]) for row in range(table.num_rows)]
+    lost = lost_samples_of(table)
+    why = [found.words[row] or (lost[row] if verdicts[row] == "trusted" else reasons[row]) for row in range(len(rigs))]
     numbers = [(f"{q.label} [{q.unit}]" if q.unit else q.label, values) for q, values in _quantities(fleet, table)]
     numbers += [(name, column(table, name)) for name in fleet.shape.names]
     numbers += [("fit [%]", column(table, "fit")), ("samples", column(table, "samples"))]

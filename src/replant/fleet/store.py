@@ -233,7 +233,7 @@ def schema(shape: Shape) -> Any:
         poles = [f"pole{k}_{part}" for k in range(1, structure.poles + 1) for part in ("real", "imag")]
         fields += [(f"{name}{end}", number) for name in (*poles, "damping", "dc_gain", "dc_gain_std")]
     fields += [(name, number) for name in ("fit", "fit_one_step", "dt")]
-    fields += [("samples", count), ("rejected", count), ("rejected_why", text)]
+    fields += [("samples", count), ("recorded", count), ("rejected", count), ("rejected_why", text)]
     moved = [f"input_std{end}" for _, end, _ in shape.branches]
     fields += [(name, number) for name in ("begin", "end", *moved, "output_std", "output_held")]
     fields += [("source", text), ("files", count), ("notes", text), ("covariance", pyarrow.list_(number))]

@@ -79,6 +79,7 @@ def _identified(rig: Rig, job: Job) -> dict[str, Any]:
         files=len({piece.path for piece in rig.pieces}),
         notes="; ".join(" ".join(note.replace(f"{Path(first.path).parent}/", "").split()) for note in notes),
         samples=result.samples,
+        recorded=recording.samples,
         rejected=sum(result.rejected.values()),
         rejected_why=", ".join(f"{count} {why}" for why, count in result.rejected.items() if count),
         begin=begin,

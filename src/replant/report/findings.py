@@ -110,14 +110,13 @@ def without_reasons(status: str, *, excited: bool) -> str:
 
 def findings(result: Result | RowFit, total: int) -> list[Finding]:
     """Return the findings on a result of one or several inputs, from ``total`` samples, the gravest first."""
-    found, few, rejected = _of_verdict(result), FEW_SAMPLES * result.parameters.size, sum(result.rejected.values())
+    found, few = _of_verdict(result), FEW_SAMPLES * result.parameters.size
     if 0 < result.samples < few:
         count = f"{result.samples} sample{'s' if result.samples > 1 else ''}"
         text = f"{count} cannot determine {result.parameters.size} parameters: record at least {few}."
         found.append(Finding(BAD, "Too short", text, usable=False))
-    if rejected > MANY_REJECTED * max(total, 1):
-        text = f"{number(100.0 * rejected / total, 3)} % of the record could not be used"
-        found.append(Finding(WARN, "Rejected samples", f"{text}: {rejected_in_words(result.rejected)}."))
+    if text := much_rejected(sum(result.rejected.values()), total, rejected_in_words(result.rejected)):
+        found.append(Finding(WARN, "Rejected samples", f"{text}."))
     plants = result.transfer_functions if isinstance(result, RowFit) else (result.transfer_function,)
     unstable = [pole for g in plants for pole in g.poles.tolist() if pole.real > 0 and pole.imag >= 0]
     if unstable and result.samples:
@@ -125,6 +124,17 @@ def findings(result: Result | RowFit, total: int) -> list[Finding]:
         text = f"The model has {'a pole' if len(unstable) == 1 else 'poles'} in the right half-plane: {poles} rad/s."
         found.append(Finding(WARN, "Unstable", text))
     return sorted(found, key=lambda finding: (BAD, WARN, GOOD).index(finding.gravity))
+
+
+def much_rejected(rejected: int, total: int, why: str) -> str:
+    """Return which part of ``total`` samples is rejected, and ``why``; empty if it is small.
+
+    >>> much_rejected(20, 2000, "20 stuck"), much_rejected(1500, 2000, "1,500 stuck")
+    ('', '75 % of the record could not be used: 1,500 stuck')
+    """
+    if rejected <= MANY_REJECTED * max(total, 1):
+        return ""
+    return f"{number(100.0 * rejected / total, 3)} % of the record could not be used: {why}"
 
 
 def _of_verdict(result: Result | RowFit) -> list[Finding]:
