@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import struct
 from collections import Counter
 from pathlib import Path
@@ -87,6 +88,7 @@ def test_numbers_come_out_to_the_bit_as_a_log_reads_them(tmp_path: Path) -> None
         ("4,nan,1,2", "time not finite"),
         ("4,inf,1,2", "time not finite"),
         ("4,,1,2", "time not finite"),
+        ("4,1715680000000,1,2", "time beyond the year 5000"),
         ("4.5,0.4,1,2", "not a sequence number"),
         ("-4,0.4,1,2", "not a sequence number"),
         ("nan,0.4,1,2", "not a sequence number"),
@@ -116,6 +118,28 @@ def test_a_line_that_is_off_is_counted_and_its_neighbours_are_kept(line: str, re
     assert batch.sequence is not None
     assert batch.sequence.tolist() == [*range(around), *range(1000, 1000 + around)]
     assert counters == {reason: 1}
+
+
+@every(
+    ("lines", "words"),
+    [
+        (
+            "1715680000000,1,2\n1715680000010,1,2\n",
+            "milliseconds since 1970, from 2024-05-14 on; write seconds, or first",
+        ),
+        ("1715680000000000,1,2\n1715680000010000,1,2\n", r"microseconds since 1970.* with t \[us\]"),
+        ('{"t": 1715680000000, "u": 1, "y": 2}\n', "milliseconds since 1970"),
+        ("2026-05-01T10:00:00.01Z,1,2\n" * 2, "dates and clock times are not read: write t in seconds"),
+        ("10:00:00.01,1,2\n" * 2, "dates and clock times are not read: write t in seconds"),
+    ],
+)
+def test_stamps_of_another_kind_are_told_apart(lines: str, words: str) -> None:
+    counters: Counter[str] = Counter()
+    parser = Parser(counters)
+    batch = parser.parse(lines.encode(), 0.0)
+    assert batch is None or not len(batch)
+    assert sum(counters.values()) == lines.count("\n")
+    assert re.search(words, parser.refused), parser.refused
 
 
 @every("text", ["nan", "NaN", "inf", "-Infinity", "", " ", "NA", "null"])

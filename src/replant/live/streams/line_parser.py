@@ -7,7 +7,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import chain
 from operator import itemgetter
 from typing import Any
@@ -17,10 +17,11 @@ import numpy as np
 from replant.errors import shown
 from replant.live.streams.header import header_of, remark_on, titles_of
 from replant.live.streams.source import NUMBER, REFERENCE, TIME, UY, Batch, Columns, Signals, together
-from replant.logs.sampling_time import unit_in_seconds
+from replant.logs.sampling_time import LATEST, unit_in_seconds, unit_of_stamps
 from replant.logs.text_cells import parse_number
 from replant.logs.text_layout import is_data
-from replant.numerics.arguments import FloatArray
+from replant.logs.text_times import parse_stamp
+from replant.numerics.arguments import BoolArray, FloatArray
 
 Row = tuple[float, ...]
 
@@ -107,7 +108,9 @@ def _number(name: str, value: Any) -> float:
 
 
 def _as_csv(line: str | bytes) -> str:
-    """Return how the numbers of a line with other separators are to be written; empty if it has none."""
+    """Return how the numbers of a line with dates or other separators are to be written; empty if it has none."""
+    if isinstance(line, str) and any(map(_is_date, line.split(","))):
+        return "; dates and clock times are not read: write t in seconds, since any moment"
     cells = re.split(r"[;\s]+", line.strip()) if isinstance(line, str) else []
     if len(cells) < 2 or any(cell.startswith(",") or cell.endswith(",") for cell in cells):
         return ""
@@ -117,6 +120,19 @@ def _as_csv(line: str | bytes) -> str:
     except ValueError:
         return ""
     return f"; separate numbers by commas: {','.join(cells)}" if is_known else ""
+
+
+def _as_seconds(stamps: FloatArray) -> str:
+    """Return of which unit stamps beyond the year 5000 are by their size, and what to write; empty for others."""
+    unit = unit_of_stamps(TIME, stamps)
+    short = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}.get(unit.seconds)
+    return f"; {unit.doubt}; write seconds, or first a header with {TIME} [{short}]" if short else ""
+
+
+def _is_date(cell: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return bool(parse_stamp(cell, month_first=False).parts)
+    return False
 
 
 LONGEST = 1 << 16  # longest line; a longer one is skipped [bytes]
@@ -181,8 +197,16 @@ FEW = 10  # most lines that are parsed one by one: parsing a block together cost
 MAGIC = b"RPL1"
 HEADER = 8  # bytes before the numbers of a packed payload [bytes]
 LARGEST_NUMBER = 2.0**53  # bound up to which float64 represents all whole numbers exactly [number]
-#: The reason under which a row with an invalid number or time stamp is counted.
-REASONS = {NUMBER: "not a sequence number", TIME: "time not finite"}
+#: The reasons under which rows with an invalid number or time stamp are counted, and which rows they are.
+FAULTS: dict[str, dict[str, Callable[[FloatArray], BoolArray]]] = {
+    NUMBER: {  # whole, not negative, and exact in float64
+        "not a sequence number": lambda n: ~((n >= 0.0) & (n < LARGEST_NUMBER) & (n == np.trunc(n)))
+    },
+    TIME: {
+        "time not finite": lambda t: ~np.isfinite(t),
+        "time beyond the year 5000": lambda t: np.abs(t) > LATEST,
+    },
+}
 
 
 class Parser:
@@ -266,15 +290,14 @@ class Parser:
     def _valid_rows(self, table: FloatArray) -> FloatArray:
         """Return the rows with a valid number and time stamp; count the others."""
         for column, name in enumerate(self.columns or ()):
-            if name in REASONS:
+            for reason, are_wrong in FAULTS.get(name, {}).items():
                 values = table[:, column]
-                fine = np.isfinite(values)
-                if name == NUMBER:  # whole, not negative, and exact in float64
-                    fine = (values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values))
-                if not fine.all():
-                    self._counters[REASONS[name]] += int(fine.size - fine.sum())
-                    self.refused = self.refused or f"{name} = {values[~fine][0]:g}: {REASONS[name]}"
-                    table = table[fine]
+                wrong = are_wrong(values)
+                if wrong.any():
+                    self._counters[reason] += int(wrong.sum())
+                    what = f"{name} = {values[wrong][0]:g}: {reason}"
+                    self.refused = self.refused or f"{what}{_as_seconds(values[wrong][:1]) if name == TIME else ''}"
+                    table = table[~wrong]
         return table
 
     def set_columns(self, columns: tuple[str, ...]) -> None:
