@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import decimal
 import warnings
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,71 @@ def test_arrays_with_stamps_need_no_sampling_time(t: Any) -> None:
     np.testing.assert_allclose(rp.fit(U, Y, DT, t=t, poles=1).parameters, WANTED, rtol=1e-6)
     validated = rp.fit(U, Y, DT, poles=1).model.validate(U, Y, t=t)
     assert validated.fit == pytest.approx(rp.fit(U, Y, DT, poles=1).model.validate(U, Y).fit, abs=1e-6)
+
+
+EPOCH_MS = 1_715_680_000_000 + 100 * np.arange(600)
+
+
+@every("calls", [lambda t: rp.fit(U, Y, t=t, poles=1), lambda t: rp.search(U, Y, t=t, poles=[1]),
+                 lambda t: rp.Identifier(poles=1, dt=DT).update_many(U, Y, t),
+                 lambda t: rp.Identifier(poles=(1, 1), dt=DT).update_many(np.column_stack([U, Y]), Y, t)])  # fmt: skip
+@every(("counts", "words"), [(1, "milli"), (1_000, "micro"), (1_000_000, "nano")])
+def test_counts_since_1970_are_not_taken_for_seconds(calls: Any, counts: int, words: str) -> None:
+    """By the rule of a file's column whose name states no unit."""
+    with pytest.raises(rp.InvalidArgumentError, match=rf"{words}seconds since 1970, from 2024-05-14 on: give t / 1"):
+        calls(EPOCH_MS * counts)
+
+
+def test_a_stamp_that_is_misread_later_costs_its_sample_alone() -> None:
+    ident = rp.Identifier(poles=1, dt=DT)
+    ident.update_many(U[:300], Y[:300], DT * np.arange(300))
+    ident.update_many(U[300:301], Y[300:301], EPOCH_MS[:1])
+    ident.update_many(U[301:], Y[301:], DT * np.arange(301, 600))
+    assert (ident.samples, sum(ident.rejected.values())) == (599, 1)
+
+
+@every("stamps", [STAMPS, STAMPS.to_numpy(), STAMPS.tz_localize("UTC"), pd.to_timedelta(DT * np.arange(600), unit="s")])
+@every("orders", [1, (1, 1)])
+def test_dates_are_taken_in_chunks(stamps: Any, orders: Any) -> None:
+    inputs = U if orders == 1 else np.column_stack([U, np.roll(U, 57)])
+    numbers, dates = (rp.Identifier(poles=orders, dt=DT) for _ in range(2))
+    for some in (slice(0, 250), slice(250, 600)):
+        numbers.update_many(inputs[some], Y[some], DT * np.arange(600)[some])
+        dates.update_many(inputs[some], Y[some], stamps[some])
+    assert dates.samples == 600
+    np.testing.assert_allclose(dates.parameters, numbers.parameters, rtol=1e-4, atol=1e-6)
+
+
+def test_an_index_that_contradicts_the_sampling_time_is_noted() -> None:
+    table = TABLE.drop(columns="t").set_index(STAMPS)
+    with pytest.warns(UserWarning, match="column 'index' steps by 0.1 s, but dt is 1 s; dt is used"):
+        rp.fit(table, input="u", output="y", dt=1.0, poles=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rp.fit(table, input="u", output="y", dt=DT, poles=1)
+
+
+def test_series_with_different_indices_are_not_paired_by_position() -> None:
+    u, y = pd.Series(U, STAMPS), pd.Series(Y, STAMPS)
+    later = y.shift(freq="1s")
+    for call in (lambda: rp.fit(u, later, DT, poles=1), lambda: rp.Identifier(poles=1, dt=DT).update_many(u, later)):
+        with pytest.raises(rp.InvalidArgumentError, match=r"different indices: .*u, y = u.align\(y, join='inner'\)"):
+            call()
+    np.testing.assert_allclose(rp.fit(u, y, DT, poles=1).parameters, WANTED, rtol=1e-9)
+    np.testing.assert_allclose(rp.fit(u, Y, DT, poles=1).parameters, WANTED, rtol=1e-9)
+
+
+@every(
+    ("u", "words"),
+    [
+        ([None, *U[1:].tolist()], r"np.asarray\(u, float\) makes numbers of them, and NaN of None"),
+        ([*map(decimal.Decimal, U.tolist())], r"np.asarray\(u, float\) makes numbers of them"),
+        (iter(U), r"an iterator: give np.asarray\(list\(u\), float\)"),
+    ],
+)
+def test_objects_are_answered_with_what_makes_numbers_of_them(u: Any, words: str) -> None:
+    with pytest.raises(rp.ArgumentTypeError, match=words):
+        rp.fit(u, Y, DT, poles=1)
 
 
 def test_the_sampling_time_of_stamps_with_holes_is_their_usual_interval() -> None:

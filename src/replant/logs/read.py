@@ -29,7 +29,7 @@ from replant.logs.sampling_time import (
     time_columns,
 )
 from replant.logs.table import Arrays, Table, in_parts, listed, repeated_rows
-from replant.logs.time_advice import GIVE_TIME, time_advice
+from replant.logs.time_advice import GIVE_TIME, contradicted, time_advice
 from replant.numerics.arguments import FloatArray, is_frame, iterable
 from replant.numerics.limits import file_path
 
@@ -137,7 +137,10 @@ def log_of_frame(
     each = [number for found in columns.values() for number in (found if isinstance(found, list) else [found])]
     if keys["time"] is None and dt is None:
         columns["time"] = given.clock
-    log = _held(open_recording(given.table, **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize))
+    table = given.table
+    if keys["time"] is None and (contradiction := contradicted(table, dt)):
+        table = replace(table, notes=(*table.notes, contradiction.replace("--dt", "dt")))
+    log = _held(open_recording(table, **columns, dt=dt, begin=begin, end=end, most_held=sys.maxsize))
     beside = given.beside({*each, *time_columns(given.table), *given.table.parts}, len(log))
     hold = getattr(frame, "attrs", {}).get("input_hold", log.input_hold)  # of `Log.to_pandas`
     return replace(log, path=Path(), others={**beside, **log.others}, input_hold=hold)

@@ -15,7 +15,14 @@ from replant.logs.table import Table, forget
 from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray, number
 from replant.numerics.limits import duration
-from replant.numerics.time_stamps import TOLERANCE, StampResolution, is_regular, is_regular_interval
+from replant.numerics.time_stamps import (
+    COUNTS,
+    TOLERANCE,
+    StampResolution,
+    is_regular,
+    is_regular_interval,
+    recent_day,
+)
 
 MOSTLY = 0.95  # part of the steps of a column that must be those of a time [part]
 UNEVEN = 2.0  # most that a step of a clock is longer or shorter than the usual one, but for gaps [usual intervals]
@@ -238,11 +245,8 @@ LATEST = 1e11  # largest plausible stamp: in seconds since 1970 it is the year 5
 COARSE = 1.0  # interval from which stamps without a unit may be counts of ms, us or ns [their unit]
 # Excel counts days from 1900, MATLAB from the year 0
 _DATES = (36_526.0, 73_051.0), (730_486.0, 767_011.0)  # day numbers of the years 2000 to 2100 [days]
-# a count of ns since the start of a computer is within, taken as ms, from its 17th to its 69th minute alone
-_RECENT = 1e9, 4_102_444_800.0  # September 2001 and the year 2100: stamps between them are read by their size [s]
 FIRST = 1 << 16  # stamps from which the unit of time is guessed [samples]
 ROUND = 1e-3  # rounding error of a step with one or two digits [part of the step]
-_COUNTS = ((1e-3, "milliseconds", "ms"), (1e-6, "microseconds", "us"), (1e-9, "nanoseconds", "ns"))
 _GIVE_DT = "or give the sampling time (dt, --dt) instead of a time column"
 
 
@@ -269,10 +273,9 @@ def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
         return StampUnit(math.nan, doubt, True, f"write them as in 2024-05-01 10:00:00 or 10:00:00, {_GIVE_DT}")
     farthest = float(np.abs(finite).max()) if finite.size else 0.0
     if farthest * unit > LATEST:
-        for seconds, words, short in _COUNTS:
+        for seconds, words, short in COUNTS:
             since = f"{words} since 1970"
-            if not known and _RECENT[0] <= seconds * float(finite.min()) and seconds * farthest < _RECENT[1]:
-                begin = np.datetime64(int(seconds * finite[0]), "s").astype("datetime64[D]")
+            if not known and (begin := recent_day(finite, seconds)):
                 doubt = f"its name states no unit; by their size its stamps are {since}, from {begin} on"
                 return StampUnit(seconds, doubt, False, f"if they are not, state the unit in its name, {_GIVE_DT}")
             if farthest * seconds <= LATEST:

@@ -138,6 +138,8 @@ def array_of_reals(name: str, value: Any) -> FloatArray:
     if array.dtype.kind not in "fiub":
         first = array.flat[0] if array.size else None
         got = _describe(value) if is_frame(value) else f"dtype {array.dtype}{_seconds(name, first)}"
+        if array.dtype.kind == "O" and not is_frame(value):
+            got += _as_floats(name, value, array)
         raise ArgumentTypeError(f"{name} must hold real numbers, got {got}")
     with np.errstate(over="ignore"):  # a number of a wider type may become infinite
         reals = np.asarray(array, np.float64, order="C")
@@ -158,9 +160,13 @@ def vector(name: str, value: Any) -> FloatArray:
 def record(u: Any, y: Any, names: tuple[str, str] = ("u", "y")) -> tuple[FloatArray, FloatArray]:
     """Return input and output, or two other signals, as vectors (K,) of equal length."""
     one, other = vector(names[0], u), vector(names[1], y)
+    both = " and ".join(names)
     if one.size != other.size:
-        both = " and ".join(names)
         raise InvalidArgumentError(f"{both} must have the same length, got {one.size} and {other.size} samples")
+    indices = [each.index for each in (u, y) if hasattr(each, "iloc")]  # of pandas
+    if len(indices) == 2 and not indices[0].equals(indices[1]):
+        aligned = f"{', '.join(names)} = {names[0]}.align({names[1]}, join='inner')"
+        raise InvalidArgumentError(f"{both} have different indices: pair their rows first, {aligned}, or give arrays")
     return one, other
 
 
@@ -210,6 +216,17 @@ def _describe(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
     return f"{type(value).__name__} {shown(value)}" if isinstance(value, str | bytes) else type(value).__name__
+
+
+def _as_floats(name: str, value: Any, array: Any) -> str:
+    """Return how objects become numbers; nothing where they are none."""
+    if hasattr(value, "__next__"):
+        return f", an iterator: give np.asarray(list({name}), float)"
+    try:
+        np.asarray(array, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return ""
+    return f": np.asarray({name}, float) makes numbers of them, and NaN of None" if array.ndim else ""
 
 
 def _seconds(name: str, value: Any) -> str:

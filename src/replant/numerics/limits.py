@@ -10,7 +10,7 @@ import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.numerics.arguments import FloatArray, iterable, not_negative, positive, vector, whole
-from replant.numerics.time_stamps import without_dates
+from replant.numerics.time_stamps import counted_since_1970, without_dates
 
 MOST_TRIED = 1000  # most values of a grid, as each is tried [count]
 
@@ -33,11 +33,16 @@ def dead_time(name: str, value: Any) -> float:
     return duration(name, result) if result else 0.0
 
 
-def stamps_of(t: Any, samples: int) -> FloatArray:
-    """Return time stamps as a vector (K,), one for each of K ``samples``."""
-    stamps = vector("t", t)
+def stamps_of(t: Any, samples: int, *, is_first: bool = False) -> FloatArray:
+    """Return time stamps as a vector (K,), one for each of K ``samples``; dates become seconds since 1970.
+
+    The first ones must not be counts of milliseconds or less: among later ones a stamp may be misread.
+    """
+    stamps = vector("t", without_dates(t, since_1970=True))
     if stamps.size != samples:
         raise InvalidArgumentError(f"t must have one stamp for each of {samples} samples, got {stamps.size}")
+    if is_first and (problem := counted_since_1970(stamps)):
+        raise InvalidArgumentError(problem)
     return stamps
 
 
@@ -46,7 +51,7 @@ def increasing(t: Any, samples: int) -> FloatArray:
 
     Dates become seconds since the first one.
     """
-    stamps = stamps_of(without_dates(t), samples)
+    stamps = stamps_of(without_dates(t), samples, is_first=True)
     wrong = ~np.isfinite(stamps)
     wrong[1:] |= ~(stamps[1:] > stamps[:-1])
     if wrong.any():

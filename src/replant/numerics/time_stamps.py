@@ -75,6 +75,29 @@ class StampResolution:
         return self._decimals < 16 and self._error <= 0.01
 
 
+#: Units in which stamps since 1970 are counted: in s, its name, its symbol.
+COUNTS = ((1e-3, "milliseconds", "ms"), (1e-6, "microseconds", "us"), (1e-9, "nanoseconds", "ns"))
+# a count of ns since the start of a computer is within, taken as ms, from its 17th to its 69th minute alone
+_RECENT = 1e9, 4_102_444_800.0  # September 2001 and the year 2100: stamps between them are read by their size [s]
+
+
+def recent_day(stamps: NDArray[np.float64], unit: float) -> str:
+    """Return the day of the first of finite stamps (K,) if in a unit of so many s all are recent times; else empty."""
+    if not stamps.size or not (_RECENT[0] <= unit * float(stamps.min()) and unit * float(stamps.max()) < _RECENT[1]):
+        return ""
+    return str(np.datetime64(int(unit * stamps[0]), "s").astype("datetime64[D]"))
+
+
+def counted_since_1970(stamps: NDArray[np.float64]) -> str:
+    """Return of stamps (K,) that are to be in s and are counts of ms, us or ns since 1970 what to do; else empty."""
+    finite = stamps[np.isfinite(stamps)]
+    for unit, words, _ in COUNTS:
+        if begin := recent_day(finite, unit):
+            since = f"{words} since 1970, from {begin} on"
+            return f"t must be in seconds; by their size the stamps are {since}: give t / {1.0 / unit:g}"
+    return ""
+
+
 def array_of(column: Any) -> Any:
     """Return a column or an index as an array; times with a zone are in UTC, and pandas' NA is NaN."""
     has_zone = getattr(getattr(column, "dtype", None), "tz", None) is not None
@@ -89,21 +112,22 @@ def is_dated(values: Any) -> bool:
     )
 
 
-def seconds_of(values: Any) -> NDArray[np.float64]:
-    """Return numbers as float64, and times as seconds since the first one."""
+def seconds_of(values: Any, *, since_1970: bool = False) -> NDArray[np.float64]:
+    """Return numbers as float64, and times as seconds since the first one, or 1970."""
     if values.ndim != 1 or values.dtype.kind == "c":
         raise TypeError
     if is_dated(values):
         if values.dtype.kind == "O":
             values = np.array([round(1e9 * each.timestamp()) for each in values], "datetime64[ns]")
-        return np.asarray((values - values[:1]) / np.timedelta64(1, "s"), np.float64)
+        begin = np.zeros(1, values.dtype) if since_1970 else values[:1]
+        return np.asarray((values - begin) / np.timedelta64(1, "s"), np.float64)
     return np.asarray(values, np.float64)
 
 
-def without_dates(t: Any) -> Any:
-    """Return times of NumPy, pandas or polars as seconds since the first one; anything else as it is."""
+def without_dates(t: Any, *, since_1970: bool = False) -> Any:
+    """Return times of NumPy, pandas or polars as seconds since the first one, or 1970; anything else as it is."""
     try:
         values = array_of(t)
     except ValueError:  # rows of different lengths
         return t
-    return seconds_of(values) if values.ndim == 1 and is_dated(values) else t
+    return seconds_of(values, since_1970=since_1970) if values.ndim == 1 and is_dated(values) else t

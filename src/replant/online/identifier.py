@@ -346,7 +346,7 @@ class Identifier(Lifecycle):
         ----------
         u, y : (K,) arrays
         t : (K,) array, optional
-            Time stamps in s, see `update`.
+            Time stamps in s, or dates, see `update`.
         r : (K,) array, optional
             Reference, see `update`.
 
@@ -430,7 +430,7 @@ class Identifier(Lifecycle):
     def _stamps(self, t: Any, samples: int) -> FloatArray:
         if t is None:
             return REGULAR
-        stamps = stamps_of(t, samples)
+        stamps = stamps_of(t, samples, is_first=not self.samples)
         self._check_clock()
         return np.where(np.isfinite(stamps), stamps, np.inf)
 

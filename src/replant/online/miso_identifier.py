@@ -252,7 +252,8 @@ class RowIdentifier(Identification):
                 f"give r with every sample, or with none: {self._now.references} references came before, now "
                 f"{references.shape[1]}"
             )
-        return RowSamples(columns, output, None if t is None else stamps_of(t, output.size), references)
+        stamps = None if t is None else stamps_of(t, output.size, is_first=not self._now.samples)
+        return RowSamples(columns, output, stamps, references)
 
     @changes
     def finish(self) -> None:
