@@ -19,7 +19,7 @@ from replant.kernels.schema import FARTHEST, LEAP
 from replant.live.outputs.message import DiskWriter
 from replant.live.streams import Batch
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.online.checkpoint_file import write
+from replant.online.checkpoint_file import previous, write
 from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
 from replant.online.miso_samples import RowSettings
@@ -196,6 +196,11 @@ class CheckpointWriter:
         self._due = time.monotonic() + every
         self._idle = threading.Event()
         self._idle.set()
+
+    @property
+    def there_are(self) -> bool:
+        """Whether there is a checkpoint from which a session can go on."""
+        return self._path.exists() or previous(self._path).exists()
 
     def is_due(self, now: float) -> bool:
         """Return whether the time for the next checkpoint has come and the one before has been written."""

@@ -90,8 +90,8 @@ class Session:
         self._publisher.start(self._estimate())
         try:
             with stop_on_signals(self.stop):
-                if not self.progress.taken:  # after a power cut no record may lack a checkpoint to go on with
-                    self._write_checkpoint("first")
+                if self.checkpoints is not None and not self.checkpoints.there_are:
+                    self._write_checkpoint("first")  # after a power cut no record may lack one to go on with
                 try:
                     self._learn(start)
                 except Exception as error:  # learning cannot continue: save what was learned
