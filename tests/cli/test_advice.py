@@ -118,6 +118,24 @@ def test_the_verdict_leads_with_what_to_do(capsys, log: Path) -> None:
     assert "Next: search the structure and the dead time:" in lines
 
 
+def test_what_to_do_fits_into_a_narrow_terminal(capsys, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "48")
+    lines = of_log(capsys, log, "fit", "-p", 1)
+    first = next(number for number, line in enumerate(lines) if line.startswith("Verdict"))
+    assert lines[first : first + 2] == ["Verdict  inconsistent: search the structure and", " " * 9 + "the dead time"]
+    assert lines[-2] == "Next: search the structure and the dead time:"
+    assert max(map(len, lines[first:-1])) <= 48
+
+
+def test_a_log_with_fewer_samples_than_a_model_needs_is_refused_by_run_as_by_fit(capsys, tmp_path: Path) -> None:
+    log = tmp_path / "two.csv"
+    log.write_text("t,u,y\n0,1,2\n0.1,0,2.1\n")
+    said = [call(capsys, command, log, "-i", "u", "-o", "y", "-p", 1) for command in ("run", "fit")]
+    assert said[0] == said[1]
+    assert (said[0][0], said[0][1]) == (2, "")
+    assert "2 usable samples, fewer than the 3 that 2 parameters need" in said[0][2]
+
+
 @pytest.mark.slow
 def test_where_dead_times_alone_were_searched_for_the_number_of_poles_is_next(capsys, tmp_path: Path) -> None:
     u = np.where(np.arange(600) < 200, 0.0, 1.0)

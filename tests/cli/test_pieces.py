@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import math
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
+import pytest
+from rich.console import Console
 
+from replant.cli import messages
 from replant.cli.advice import _is_step_test
 from replant.cli.conditioning_options import band_of, stretch_of, words_of
 from replant.cli.fleet import _plain
@@ -68,3 +74,35 @@ def test_every_optimizer_is_chosen_by_its_name_and_by_its_settings(name: str) ->
 @every("got, expected", WORDS)
 def test_words(got: Any, expected: Any) -> None:
     assert got == expected
+
+
+@every("width", [44, 60, 120])
+@every("rate", [False, True])
+def test_progress_takes_one_line(width: int, rate: bool) -> None:
+    written = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys.stderr, "isatty", lambda: True)
+        patch.setattr(messages, "terminal", lambda **_: Console(file=written, width=width, force_terminal=True))
+        bar = messages.progress_bar(rate=rate)
+    bar.update(bar.add_task("identifying", total=1e6), completed=400_000)
+    bar.tasks[0].finished_speed = 123_456.0
+    lines = bar.console.render_lines(bar.get_renderable())
+    assert len(lines) == 1
+    assert ("samples/s" in "".join(segment.text for segment in lines[0])) == rate
+
+
+INTERRUPTED = """
+import sys
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "click":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Finder())
+from replant.__main__ import main
+main()
+"""
+
+
+def test_ctrl_c_while_libraries_are_imported_is_one_line() -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "replant: interrupted\n")

@@ -63,13 +63,16 @@ def test_a_full_disk_does_not_cost_the_result(
 
 
 def test_an_example_that_does_not_fit_on_the_disk_is_named_and_leaves_nothing(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with full_disk(100):
-        code, _, err = call(capsys, "examples", "--out", tmp_path)
-    assert code == 2
-    assert f"cannot write {tmp_path / 'motor.csv'}: " in err
-    assert [*tmp_path.iterdir()] == []
+    monkeypatch.chdir(tmp_path)
+    for typed, file in ((("--out", tmp_path), tmp_path / "motor.csv"), ((), "motor.csv")):
+        with full_disk(100):
+            code, _, err = call(capsys, "examples", *typed)
+        assert code == 2
+        assert f"cannot write {file}: " in err
+        assert ("--out" in err) == bool(typed)
+        assert [*tmp_path.iterdir()] == []
 
 
 @pytest.mark.parametrize("command", ["run", "fit"])

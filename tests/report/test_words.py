@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 import replant as rp
+from replant.plotting.numbers import uncertain
 from replant.report.compared_page import shortened
 from replant.report.contents import lasts
 from replant.report.findings import Finding, _sentence, colour_of, without_reasons, words_of
 from replant.report.log_as_text import _counted
 from replant.report.page_frame import words
-from replant.report.results_as_text import _aligned, _blocks, fraction, wrapped
+from replant.report.results_as_text import _aligned, _blocks, fraction, modes_of, wrapped
 from support.cases import every
 
 MOVED = "a coefficient has moved by 2.6 %"
@@ -58,3 +59,8 @@ def test_the_duration_of_a_record_comes_from_its_clock() -> None:
     signal = np.zeros(3)
     log = rp.Log(signal, signal, 0.5, np.array([0.0, 0.5, 9.5]), "u", "y", Path("log.csv"))
     assert lasts(log) == "10 s on an irregular clock, usually at 0.5 s"
+
+
+def test_the_damping_of_a_real_pole_is_exact_even_where_its_place_is_unknown() -> None:
+    double = rp.Model(rp.Structure(poles=2), np.array([2.0, 1.0, 1.0]), 0.01, covariance=np.diag([1e-4] * 3))
+    assert [row[1:] for row in modes_of(double, uncertain)] == [["1", "1 ± unknown"]] * 2

@@ -71,6 +71,7 @@ def note(text: str) -> None:
         click.echo(f"replant: note: {text}", err=True)
 
 
+WIDEST_BAR = 40  # width of a bar in a wide terminal, as by default in rich [characters]
 STEP = 10  # share of the work per line of progress [%]
 
 
@@ -84,19 +85,26 @@ def terminal(**how: Any) -> Any:
 def progress_bar(*, rate: bool = False) -> Any:
     """Return a progress bar on standard error, with ``rate`` also samples a second and the time left."""
     from rich import progress as bar
+    from rich.table import Column
 
     is_terminal = sys.stderr.isatty()
     if is_given("progress") and not is_terminal:
         return _lines()
-    columns: list[Any] = [bar.TextColumn("{task.description:11}"), bar.BarColumn(), bar.TaskProgressColumn()]
+    # in a narrow terminal the bar is shorter, and no text is broken
+    whole: dict[str, Any] = {"table_column": Column(no_wrap=True)}
+    short: dict[str, Any] = {"table_column": Column(max_width=WIDEST_BAR)}
+    columns: list[Any] = [bar.TextColumn("{task.description:11}", **whole), bar.BarColumn(None, **short)]
+    columns += [bar.TaskProgressColumn(**whole)]
     columns += (
-        [_rate_column(), bar.TimeRemainingColumn(), bar.TextColumn("left")] if rate else [bar.TimeElapsedColumn()]
+        [_rate_column(**whole), bar.TimeRemainingColumn(**whole), bar.TextColumn("left", **whole)]
+        if rate
+        else [bar.TimeElapsedColumn(**whole)]
     )
     is_hidden = is_given("quiet") or not is_terminal
     return bar.Progress(*columns, console=terminal(stderr=True), transient=True, disable=is_hidden)
 
 
-def _rate_column() -> Any:
+def _rate_column(**how: Any) -> Any:
     from rich.progress import ProgressColumn, Task
     from rich.text import Text
 
@@ -107,7 +115,7 @@ def _rate_column() -> Any:
             speed = task.finished_speed or task.speed
             return Text("" if not speed else f"{with_prefix(speed)} samples/s")
 
-    return Rate()
+    return Rate(**how)
 
 
 def _lines() -> Any:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from replant.cli.advice import OTHER_LOG, NextStep, next_step
 from replant.cli.conditioning_options import STRETCHES
@@ -34,6 +35,7 @@ from replant.logs.sampling_time import time_columns
 from replant.model.interop import without_unit
 from replant.numerics.limits import typed_path
 from replant.online.runs.result import Clock, Result
+from replant.plotting.numbers import wrapped
 from replant.report import results_as_text as as_text
 from replant.report.python_programs import identifier_as_python
 from replant.verdict.verdict import Verdict
@@ -101,7 +103,7 @@ class Delivery:
                 paths = write(self.out)
             print_written([] if self.as_json else paths)
         if step is not None and not self.as_json:
-            click.echo(f"\nNext: {step.words}:\n{step.command}")
+            click.echo("\n".join(["", *wrapped(f"Next: {step.words}:", terminal().width), step.command]))
         of_logs = [(f"validation on {name}", each.verdict) for name, each in validations]
         check_required(self.required, [*verdicts, *of_logs])
 
@@ -233,8 +235,10 @@ def write_errors_reported(out: Path) -> Iterator[None]:
     try:
         yield
     except OSError as cause:
-        where = (cause.filename if out.is_dir() else None) or out
-        raise click.BadParameter(f"cannot write {where}: {cause.strerror}", param_hint="--out") from cause
+        words = f"cannot write {(cause.filename if out.is_dir() else None) or out}: {cause.strerror}"
+        if click.get_current_context().get_parameter_source("out") is ParameterSource.DEFAULT:
+            raise click.ClickException(words) from cause
+        raise click.BadParameter(words, param_hint="--out") from cause
 
 
 #: Suffixes of files, which no folder for results is meant to have.

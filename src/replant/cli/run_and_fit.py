@@ -25,7 +25,7 @@ from replant.estimation.simulation.fitted_run import FITTED
 from replant.fitting import model_json
 from replant.fitting.fit import METHODS, fit
 from replant.fitting.miso_fit import RowFit
-from replant.fitting.samples import Samples
+from replant.fitting.samples import Samples, check_enough
 from replant.fitting.search_result import SearchResult
 from replant.fitting.several_outputs import MatrixFit, without_outputs
 from replant.fitting.structure_search import as_row, search
@@ -95,6 +95,8 @@ def run_command(startup: int | None, **options: Any) -> None:
         log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
     assert log is not None
     result, more = judged_by_log(result, log).without_added(log.added), {}
+    if not result.parameters.any():
+        check_enough(result.used, result.rejected, result.structure)
     if path is not None and not to.as_json:
         click.echo(f"wrote {path}")
     if len(structures) > 1:

@@ -167,13 +167,7 @@ class Samples:
         y = y if r is None else np.where(np.isfinite(r), y, np.nan)
         usable, rejected = screen(preprocess.map_input(u), y)
         rejected = without_added(rejected, "not finite", self.added)
-        samples, others = int(usable.sum()), rejected_in_words(rejected)
-        if samples < structure.size + 1:
-            beside = f" ({others})" if others else ""
-            raise InvalidArgumentError(
-                f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
-                f"{structure.size} parameters need{beside}: record more, or ask for fewer poles and zeros"
-            )
+        check_enough(int(usable.sum()), rejected, structure)
         for name, signal in (("the input", preprocess.map_input(u)), ("the output", y)):
             check_moves(name, signal)
         lasts = dt * (u.size - 1) if stamps is None else float(stamps[-1] - stamps[0])
@@ -183,6 +177,17 @@ class Samples:
             )
         raw = RawRecord(structure, dt, preprocess.resolve(u, y), u, y, stamps, input_hold, self.begins)
         return raw, r, rejected
+
+
+def check_enough(usable: int, rejected: Mapping[str, int], structure: Structure) -> None:
+    """Check that a record with so many usable samples has more of them than a structure has parameters."""
+    if usable < structure.size + 1:
+        others = rejected_in_words(rejected)
+        beside = f" ({others})" if others else ""
+        raise InvalidArgumentError(
+            f"the record has {usable} usable samples, fewer than the {structure.size + 1} that "
+            f"{structure.size} parameters need{beside}: record more, or ask for fewer poles and zeros"
+        )
 
 
 def _clock_of(t: Any, samples: int) -> tuple[float, FloatArray | None]:

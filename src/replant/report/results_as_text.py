@@ -135,8 +135,12 @@ def print_verdict(console: Any, verdict: Verdict, lead: str = "") -> None:
     """Print a verdict's status in its colour with the advice ``lead``, and its reasons below."""
     from rich.text import Text
 
-    status = Text("Verdict  ").append(verdict.status, f"bold {colour_of(verdict.status)}")
-    console.print(status.append(f": {lead}" if lead else ""), highlight=False, soft_wrap=True)
+    said = f"{verdict.status}: {lead}" if lead else verdict.status
+    for number, line in enumerate(lines_behind("Verdict", said, console.width)):
+        styled = Text(line)
+        if not number:
+            styled.stylize(f"bold {colour_of(verdict.status)}", INDENT, INDENT + len(verdict.status))
+        console.print(styled, highlight=False, soft_wrap=True)
     for reason in verdict.reasons:
         _say(console, "", reason)
 
@@ -182,7 +186,6 @@ def _print_model(console: Any, model: Model, truth: TransferFunction | None) -> 
     rows = []
     for mode, (frequency, damping, time) in zip(model.transfer_function.modes, modes_of(model, with_std), strict=True):
         pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
-        damping = damping if mode.pole.imag else f"{mode.damping:.3g}"  # a real pole's damping is exactly 1 or -1
         rows.append([pole, frequency, damping, time])
     console.print(table(POLE, rows))
     console.print()
@@ -245,7 +248,11 @@ def modes_of(model: Model, write: Write) -> list[list[str]]:
     modes = model.transfer_function.modes
     stds: Sequence[tuple[float | None, ...]] = [(None, None, None)] * len(modes)
     if model.uncertainty is not None:
-        stds = [(each.frequency_std, each.damping_std, each.time_constant_std) for each in model.uncertainty.modes]
+        stds = [
+            # a real pole's damping is exactly 1 or -1
+            (each.frequency_std, each.damping_std if each.mode.pole.imag else None, each.time_constant_std)
+            for each in model.uncertainty.modes
+        ]
     return [
         [*map(write, (mode.frequency, mode.damping, mode.time_constant), std)]
         for mode, std in zip(modes, stds, strict=True)
