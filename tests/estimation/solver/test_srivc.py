@@ -255,3 +255,20 @@ def test_a_drift_larger_than_the_response_leads_no_start_and_no_choice_astray(se
     found = refine(rp.Structure(2), Record(u - u.mean(), y - y.mean(), np.array([0.05])), nested=True)
     assert found is not None
     assert found.theta[:3] == pytest.approx([2.0, 2.0, 2.0], rel=0.15)
+
+
+@every("seed", [26, 27, 29, 33, 176])
+def test_an_unfiltered_estimate_is_no_surer_than_the_efficient_one(seed):
+    """A short residual takes less slow noise than there is: short records beside a random walk, by Gauss and Markov."""
+    rng = np.random.default_rng([seed, 411])
+    samples, pole = int(rng.integers(100, 160)), 1.0 / rng.uniform(0.5, 3.0)
+    u = np.repeat(rng.choice([-1.0, 1.0], 40), rng.integers(4, 12))[:samples]
+    y = rp.TransferFunction([pole], [1.0, pole]).simulate(u, 0.1) + 0.02 * np.cumsum(rng.standard_normal(u.size))
+    record = Record(u, y - y.mean(), np.array([0.1]))
+    found = refine(rp.Structure(1), record)
+    assert found is not None
+    assert not found.noise.filters
+    problem = Problem(rp.Structure(1), record)
+    problem.noise = found.noise_model
+    efficient = problem.conclude(problem.descend(found.theta, srivc.WHITENED, srivc.RENEWALS))
+    assert (np.diag(found.covariance)[:2] >= 0.99 * np.diag(efficient.covariance)[:2]).all()

@@ -13,7 +13,7 @@ Automatica 29.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -233,6 +233,17 @@ def conclude(
         rightmost, colour, path, slots, reference, share, misfit, slowness,
     )  # fmt: skip
     return refined if refined.is_finite else None
+
+
+def no_surer(estimate: Refined, efficient: Refined) -> Refined:
+    """Return an estimate with at least the variances of the efficient one: by Gauss and Markov none is surer."""
+    covariance = larger(estimate.covariance, efficient.covariance)
+    stretch = np.sqrt(np.diag(covariance) / np.diag(estimate.covariance))
+    inverse, colour = compose(estimate.upper, estimate.diagonal), estimate.colour
+    turned = inverse_of(inverse) * stretch @ inverse
+    if np.isfinite(turned).all():  # a recursion that continues from it is as sure
+        colour.squares[:] = turned @ colour.squares @ turned.T
+    return replace(estimate, covariance=covariance)
 
 
 def _noise(model: Autoregression, size: int, *, filters: bool) -> NoiseSlots:

@@ -45,7 +45,7 @@ import numpy as np
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import simulate
 from replant.estimation.simulation.model_run import runs_away
-from replant.estimation.solver.refined_estimate import Refined, Root, without_nuisances
+from replant.estimation.solver.refined_estimate import Refined, Root, no_surer, without_nuisances
 from replant.estimation.solver.specification_test import (
     FALSE_ALARM,
     answer_of,
@@ -192,7 +192,7 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
         return other
     if chance >= ALPHA:  # not enough by itself to reject the structure
         chance = chance_of_dynamics(problem.structure, problem.whole, other)
-        return other if chance >= FALSE_ALARM else estimate
+        return other if chance >= FALSE_ALARM else no_surer(estimate, other)
     return replace(estimate, disagreement=disagreement(problem.structure, problem.whole, estimate, other))
 
 
