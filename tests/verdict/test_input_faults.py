@@ -64,6 +64,22 @@ def test_an_input_of_two_levels_cannot_tell() -> None:
         assert found.status == "trusted", found.reasons
 
 
+@every("seed", range(4), quick=1)
+def test_noise_of_an_input_of_two_levels_is_no_saturation(seed: int) -> None:
+    """The mean of what reached the plant flattens over what was recorded; four levels at a limit do so, too."""
+    rng, plant = np.random.default_rng(seed), rp.TransferFunction([2.0], [1.0, 1.0])
+    white, noise = rng.standard_normal(1500), 0.05 * rng.standard_normal(1500)
+    for levels, scatter, limit, is_fault in (
+        ([-1.0, 1.0], 0.25, 1.0, False),
+        ([-1.0, -0.4, 0.4, 1.0], 0.05, 0.6, True),
+    ):
+        moved = np.repeat(rng.choice(levels, 150), 10)
+        recorded = moved + scatter * white
+        y = plant.simulate(np.clip(recorded if is_fault else moved, -limit, limit), 0.1)
+        reasons = rp.fit(recorded, y + y.std() * noise, 0.1, poles=1).verdict.reasons
+        assert any("the actuator seems to saturate" in reason for reason in reasons) is is_fault, reasons
+
+
 def test_a_pole_too_few_is_no_actuator() -> None:
     """What a linear fault leaves of the output is not taken for a curve of the input."""
     u, third = steps(seed=5), rp.TransferFunction([10.0], np.poly([-1.0, -3.0, -6.0]))

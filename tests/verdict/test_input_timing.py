@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import replant as rp
 from replant.signals import multisine, random_steps
@@ -43,6 +44,22 @@ def test_a_held_input_is_right_as_it_is(seed: int) -> None:
         found = verdict(u, 0.1, "zoh", seed)
         assert found.status == "trusted", found.reasons
         assert not any("straight" in reason for reason in found.reasons)
+
+
+@every("seed", range(6), quick=2)
+def test_a_rough_input_that_runs_straight_is_not_taken_for_a_direct_path(seed: int) -> None:
+    """It acts on the output of the same row, as a direct path and an output that is recorded late do, which remain."""
+    random, along = np.random.default_rng(seed), "where a controller opposes it"
+    u = np.asarray(lfilter([1.0], [1.0, -0.8], random.standard_normal(1502)))
+    lag, direct = rp.TransferFunction([2.0], [1.0, 2.0]), rp.TransferFunction([0.4, 2.8], [1.0, 2.0])
+    y, late = lag.simulate(u, 0.1, input_hold="foh"), lag.simulate(u, 0.1)[1:]
+    for output, named in ((y, "run straight between"), (direct.simulate(u, 0.1), along), (late, along)):
+        noisy = output[:1500] + 0.05 * output.std() * random.standard_normal(1500)
+        verdict = rp.fit(u[:1500], noisy, 0.1, poles=1).verdict
+        assert verdict.status == "inconsistent", verdict.reasons
+        assert named in verdict.reasons[0], verdict.reasons
+        other = along if named != along else "run straight between"
+        assert not any(other in reason for reason in verdict.reasons), verdict.reasons
 
 
 def test_a_zero_that_makes_up_for_the_hold_is_not_taken_for_it() -> None:

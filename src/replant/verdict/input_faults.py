@@ -13,9 +13,11 @@
 
 A linear model explains a curve only by its linear part.  What other dynamics could explain is projected out first: then
 the model is wrong, and no curve.  An input of two levels shows no curve, as a straight line passes through any two
-points.  Curves before and behind the plant compete: the most significant one is named.  A sampled signal, such as a
-measured voltage, varies between its samples; the output of a computer is held.  If a smooth input is taken as held, it
-acts half a sample late, and the coefficients compensate for that.
+points; recorded with noise, it explains nothing beside these levels, where a true curve does.  Curves before and behind
+the plant compete: the most significant one is named.  A sampled signal, such as a measured voltage, varies between its
+samples; the output of a computer is held.  If a smooth input is taken as held, it acts half a sample late, and the
+coefficients compensate for that.  It then answers the residual of the same sample, as if the plant had a direct path:
+of the two the straight input is named where a direct path explains nothing beside it.
 
 With a reference all columns except the hold's are made of the input that the reference explains, as are the slopes: the
 part of the residual that a reference explains is no answer of a controller.  In feedback without a reference, the
@@ -39,21 +41,22 @@ import numpy as np
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import ModelRun, responses, run_model
 from replant.numerics.arguments import FloatArray
-from replant.numerics.levels import ALPHA, LARGEST_PART
+from replant.numerics.levels import ALPHA, LARGEST_PART, NEGLIGIBLE
 from replant.numerics.linear_algebra import chi2_quantile, combined, inner
 from replant.numerics.projections import without
 from replant.numerics.score_test import Explained
 from replant.verdict.alternatives import Acting, power_of, residual_of
 from replant.verdict.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
-from replant.verdict.evidence import Evidence, Runs
+from replant.verdict.evidence import ROUNDING, Evidence
 from replant.verdict.verdict import Finding, duration, percent
 
 WIDTHS = (0.2, 0.5)  # half widths of plays: two explain most of any between 0.1 and 0.7 [part of the largest input]
 # it is 2 for single steps, 3 for white noise, w^2 for a sine of w rad per sample
 SMOOTH = 1.5  # power of second over first differences below which an input is smooth [ratio of powers]
-
 FINER = 4  # frequencies per one that the record resolves: a wave then has an error of at most a twentieth [count]
 CYCLES = 2  # periods within the record from which on a wave differs from a drift [count]
+OF_TWO_LEVELS = 0.75  # power that two levels explain of a uniform input; of one with a peak less [part]
+GAUSS_NEWTON = 3  # steps to the model of a straight input: with one more no verdict changes [count]
 
 # between half a sample, by which an input that is linear between samples seems early, and a whole one
 EARLY = 0.75  # time before its row from which on an input acts too early for any model [sampling times]
@@ -119,7 +122,8 @@ def bends_of(acting: Acting) -> tuple[Bend | None, Bend | None]:
         for curves, (inward, outward) in zip(_curves(signal), names, strict=False):  # as many as there are names
             made = curves if of_sensor else _behind_the_plant(evidence, curves)
             told = acting.beyond_dynamics.explained(made[newest][rows])
-            if told.is_sure:
+            # in noise of the input itself, the two levels that reached the plant look like a curve, and leave none
+            if told.is_sure and (of_sensor or beside_levels.explained(made[newest][rows]).is_sure):
                 curve = combined(curves[newest][rows], told.weights)
                 fault = outward if _grows_outward(signal[newest][rows], curve) else inward
                 found.append(Bend(acting, fault, of_sensor, min(told.power / power, 1.0), told.statistic, power))
@@ -128,15 +132,21 @@ def bends_of(acting: Acting) -> tuple[Bend | None, Bend | None]:
     record, is_known = evidence.record, acting.loop.reference is None  # without a reference earlier inputs act, too
     whole = record.joined.u if is_known else acting.input + record.u.mean()
     v, z = _scaled(whole - evidence.input_zero), _scaled(sensed - sensed[rows].mean())
+    beside_levels, levels = acting.beyond_dynamics, _two_levels(v)
+    if levels.any():
+        effect = _behind_the_plant(evidence, levels[:, None])
+        beside_levels = beside_levels.knowing(effect[effect.shape[0] - evidence.samples :][rows])
     actuator = surest(v, acting.power, OF_ACTUATOR, of_sensor=False)
     return actuator, surest(z, power_of(evidence, sensed[rows]), OF_SENSOR, of_sensor=True)
 
 
-def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
+def hold_findings(acting: Acting) -> list[Finding]:
     """Return a finding if an input taken as held is linear between its samples, or may be, with the effect of that."""
+    evidence, runs = acting.evidence, acting.runs
     steps = np.diff(evidence.record.u)
     is_smooth = float(np.mean(np.diff(steps) ** 2)) < SMOOTH * float(np.mean(steps**2))
-    if evidence.record.input_hold != "zoh" or not is_smooth:
+    may_run = is_smooth or (acting.loop.is_direct and float(np.median(np.abs(steps))) > 0.0)  # one that rests is held
+    if evidence.record.input_hold != "zoh" or not may_run:
         return []
     told = _straight_input(evidence)
     if told is None:
@@ -148,11 +158,14 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
         reason = "the samples do not tell a held input from one that runs straight between its samples, on which"
         advice = 'if it is measured or analogue, use --input-hold foh, or RefinedFilter("foh")'
         return [Finding("trusted", f"{reason} coefficients depend: {advice}")]
-    if not (found.is_sure and weight + chance > 0.5):  # significantly not held, and not significantly nearer to held
+    # significantly not held, and not significantly nearer to held, nor to an output that is a row late, of weight 2
+    if not (found.is_sure and weight + chance > 0.5 and weight - chance < 1.5):
         return []
-    size = runs.size(step, Speeds.of(evidence, closed=False).poles)
+    if acting.loop.is_direct and _acts_beside_straight(evidence, step):
+        return []
+    size, part = runs.size(step, Speeds.of(evidence, closed=False).poles), acting.unexplained()
     reason = "the input seems to run straight between its samples, not to be held: taken so, a coefficient differs by"
-    status = "inconsistent" if size > FARTHEST else "trusted"
+    status = "inconsistent" if size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
     return [Finding(status, f'{reason} {percent(size)}: use --input-hold foh, or RefinedFilter("foh")')]
 
 
@@ -270,6 +283,21 @@ def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:
     return residual.explained((straight.forced - held.forced)[rows, None]), step
 
 
+def _acts_beside_straight(evidence: Evidence, step: FloatArray) -> bool:
+    """Return whether the input acts on the same row beside a straight one, too, which needs no coefficient more."""
+    record, places = evidence.record.restored
+    rows, straight, parameters = places[evidence.known], replace(record, input_hold="foh"), evidence.estimate.copy()
+    for _ in range(GAUSS_NEWTON):
+        parameters[: step.size] += step
+        run = run_model(evidence.structure, parameters, straight, evidence.dt)
+        if run is None:
+            return True
+        residual = residual_of(evidence, run.error[rows], np.hstack([run.zeta[rows], run.nuisances[rows]]))
+        step = residual.weights_of(run.error[rows, None])[: step.size, 0]
+    found = residual.explained(record.u[rows, None])
+    return found.is_sure and found.power > NEGLIGIBLE * power_of(evidence, evidence.record.y[evidence.known])
+
+
 def _largest_change(evidence: Evidence, step: FloatArray) -> float:
     """Return the largest relative change of a coefficient by a step, of those that it changes significantly."""
     if evidence.covariance is None:
@@ -293,6 +321,18 @@ def _curves(v: FloatArray) -> Iterator[FloatArray]:
     yield np.column_stack([v**3, v**5])
     yield np.abs(v)[:, None]
     yield np.column_stack([play(v, width) for width in WIDTHS])
+
+
+def _two_levels(v: FloatArray) -> FloatArray:
+    """Return -1 and 1 (K,) for a signal with noise about two levels; zero where it has no noise, or other levels."""
+    ordered, count = np.sort(v - v.mean()), np.arange(1, v.size)
+    shares = np.cumsum(ordered)[:-1] ** 2 / (count * count[::-1] * max(float(np.var(v)), float(np.finfo(float).tiny)))
+    split = int(np.argmax(shares))
+    level = np.where(v - v.mean() > ordered[split], 1.0, -1.0)
+    scatter = without(v[:, None], np.column_stack([level, np.ones(v.size)]))[:, 0]
+    # the value before predicts noise no better than its mean does, and other levels, which last, much better
+    is_noise = float(np.mean(np.diff(scatter) ** 2)) > float(np.var(scatter)) > ROUNDING**2 * float(np.var(v))
+    return level if shares[split] > OF_TWO_LEVELS and is_noise else np.zeros(v.size)
 
 
 def _grows_outward(v: FloatArray, curve: FloatArray) -> bool:

@@ -58,7 +58,7 @@ def _of_timing(acting: Acting) -> list[Finding]:
     part = acting.unexplained()
     if acting.loop.is_closed:
         return dead_time_findings(acting, part)
-    return [*hold_findings(acting.evidence, acting.runs), *rhythm_findings(acting, part)]
+    return [*hold_findings(acting), *rhythm_findings(acting, part)]
 
 
 def _seen_by(row: Row, driven: Row, point: Point, covariance: FloatArray, number: int, which: int) -> Seen | None:

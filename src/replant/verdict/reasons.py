@@ -239,7 +239,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         model.append(Finding("inconsistent", reason))
     if improves:  # the present estimate may explain what the earlier one did not
         model = [Finding(max(found.status, "converging", key=STATUSES.index), found.reason) for found in model]
-    held = [] if loop.reference is not None else hold_findings(evidence, runs)
+    held = [] if loop.reference is not None else hold_findings(acting)
     # an input with a wrong hold acts half a sample early, and then seems to answer the residual
     return (held or [*loop.findings, *direct_findings(acting)]) + model + known
 
