@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.report.matrix_page import Output, save_figures, write_rows
+from replant.report.outputs import Output, save_figures
+from replant.report.result_page import write_outputs
 
 DT = 0.1
 FIRST, SECOND = rp.TransferFunction([2.0], [1.0, 1.0]), rp.TransferFunction([0.5], [1.0, 0.2], delay=0.3)
@@ -42,7 +43,7 @@ def charts(page: str) -> list[dict[str, object]]:
 
 @pytest.mark.usefixtures("unrendered")
 def test_a_page_of_one_output_has_each_input(outputs: list[Output], tmp_path: Path) -> None:
-    page = write_rows(tmp_path / "report.html", outputs[:1], command="replant fit", python="fit()").read_text()
+    page = write_outputs(tmp_path / "report.html", outputs[:1], command="replant fit", python="fit()").read_text()
     for words in ("Q1 [%] → T1 [degC]", "Q2 [%] → T1 [degC]", "Trusted", "1 outlier", "replant fit", "heaters.csv"):
         assert words in page.replace("\N{NO-BREAK SPACE}", " "), words
     names = [chart["name"] for chart in charts(page)]
@@ -55,7 +56,7 @@ def test_a_page_of_one_output_has_each_input(outputs: list[Output], tmp_path: Pa
 
 @pytest.mark.slow
 def test_a_page_of_two_outputs_is_a_matrix(outputs: list[Output], tmp_path: Path) -> None:
-    page = write_rows(tmp_path / "report.html", outputs).read_text()
+    page = write_outputs(tmp_path / "report.html", outputs).read_text()
     names = [chart["name"] for chart in charts(page)]
     assert names == ["output", "part", "residual", "output2", "part2", "residual2", "input1", "input2"]
     assert "T1 [degC]: Trusted" in page
@@ -81,7 +82,7 @@ def test_what_is_left_out_is_shaded_and_the_parts_add_up(outputs: list[Output]) 
 
 @pytest.mark.usefixtures("unrendered")
 def test_what_a_column_is_called_is_text(tmp_path: Path) -> None:
-    page = write_rows(tmp_path / "report.html", [output_of("T1 [<b>]", 1.0)]).read_text()
+    page = write_outputs(tmp_path / "report.html", [output_of("T1 [<b>]", 1.0)]).read_text()
     assert "<b>" not in page
     assert "[&lt;b&gt;/%/s]" in page
 

@@ -290,15 +290,15 @@ def _print_rows(solved: Sequence[Solved], records: Sequence[list[Log]]) -> None:
 
 def _reported(out: Path, solved: Sequence[Solved], records: Sequence[list[Log]], validations: Any) -> list[Path]:
     """Write the pictures and the report; return their paths."""
-    from replant.report.matrix_page import Output, save_figures, write_rows
-    from replant.report.result_page import candidates_of
+    from replant.report.outputs import Output, save_figures
+    from replant.report.result_page import candidates_of, write_outputs
 
     python = "\n\n".join(each.python for each in solved)
     shown = [Output(each.row, as_one(logs)) for each, logs in zip(solved, records, strict=True)]
     tried = "".join(candidates_of(each.search) for each in solved if each.search is not None)
     paths = save_figures(out, shown)
     more: dict[str, Any] = {"validations": validations, "candidates": tried}
-    return [*paths, write_rows(out / "report.html", shown, command=command_line(), python=python, **more)]
+    return [*paths, write_outputs(out / "report.html", shown, command=command_line(), python=python, **more)]
 
 
 def as_one(logs: list[Log]) -> Log:

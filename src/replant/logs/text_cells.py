@@ -19,14 +19,8 @@ _NOT_A_NUMBER = ("#nv", "#n/a", *(f"{sign}1.#{what}" for sign in ("", "-") for w
 MISSING = frozenset(
     {"", "na", "n/a", "null", "none", *_NOT_A_NUMBER}
 )  # no dash: it may be a unit or a truncated number
-_TRUTH = {
-    "true": 1.0,
-    "false": 0.0,
-    "wahr": 1.0,
-    "falsch": 0.0,
-    "on": 1.0,
-    "off": 0.0,
-}  # only in data: a column of true values may be called true
+# only in data: a column of true values may be called true
+_TRUTH = {"true": 1.0, "false": 0.0, "wahr": 1.0, "falsch": 0.0}
 _SHOWN = 40  # longest text of a cell in an error [characters]
 _QUOTED = r'"([^"]*+(?:""[^"]*+)*+)"'  # a doubled mark inside is one mark; ++ and *+ keep the time linear
 _UNIT_BEHIND = r"(?:\s+(?:\[[^\[\]]*\]|\([^()]*\)))?"  # a unit in brackets belongs to its name

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,9 @@ from replant.numerics.autoregression import places_on_grid
 from replant.numerics.residuals import Correlations, correlation_lags, correlations
 from replant.numerics.robust import stretches_of
 from replant.online.runs.result import Clock, Result
+from replant.plotting import style
 from replant.plotting.numbers import mapped_label
-from replant.plotting.over_time import POINTS, Panel, thin
+from replant.plotting.over_time import POINTS, Panel, draw_panels, thin
 from replant.report.findings import Excitation, excitation
 from replant.report.panels import estimate_panels, excitation_panels, fit_panels, part_panel
 from replant.verdict import Simulation
@@ -162,3 +164,20 @@ def on_grid(signal: FloatArray, log: Log) -> FloatArray:
     spread = np.full(places[-1] + 1, np.nan)
     spread[places] = signal
     return spread
+
+
+def save_figures(folder: Path, outputs: Sequence[Output]) -> list[Path]:
+    """Draw each output over time, and the responses from each input, as PNG files; return their paths."""
+    found: dict[str, Any] = {}
+    for i, each in enumerate(outputs, 1):
+        assert isinstance(each.fitted, RowFit)
+        number_of = f"-{i}" if len(outputs) > 1 else ""
+        inputs, of_output = each.over_time()
+        panels = of_output + inputs
+        axes = style.blank_figure(9.0, 1.0 + 1.8 * len(panels)).subplots(len(panels), 1, sharex=True)
+        draw_panels(axes, panels)
+        for axis in axes[:2]:
+            style.legend(axis)
+        style.title(axes[0], f"simulated fit {each.fitted.fit:.1f} %")
+        found |= {f"fit{number_of}": axes[0], f"responses{number_of}": each.fitted.model.plot()[0, 0]}
+    return style.saved(folder, found)

@@ -56,7 +56,7 @@ SMOOTH = 1.5  # power of second over first differences below which an input is s
 FINER = 4  # frequencies per one that the record resolves: a wave then has an error of at most a twentieth [count]
 CYCLES = 2  # periods within the record from which on a wave differs from a drift [count]
 OF_TWO_LEVELS = 0.75  # power that two levels explain of a uniform input; of one with a peak less [part]
-GAUSS_NEWTON = 3  # steps to the model of a straight input: with one more no verdict changes [count]
+GAUSS_NEWTON = 3  # steps to the model of a straight input: they vanish after two [count]
 
 # between half a sample, by which an input that is linear between samples seems early, and a whole one
 EARLY = 0.75  # time before its row from which on an input acts too early for any model [sampling times]
