@@ -77,6 +77,21 @@ def test_rows_below_the_data_with_a_word_as_their_time_are_left_out(
     assert log.output.tolist() == [2.0] * 1499
 
 
+OF_WORDS = {
+    "everywhere": ("u,y,time\n", "{0},2,Mon 10:00\n", ""),
+    "beside a clock": ("t,u,y,T\n", "{0},1,2,20.5\n", "{0},1,2,fault\n"),
+}
+
+
+@every(("names", "row", "last"), OF_WORDS.values(), ids=OF_WORDS)
+@every("count", [1_000, 20_000])  # within the part of the file that is searched, and beyond it
+def test_rows_with_a_word_in_a_column_that_is_no_clock_are_data(
+    write: Write, names: str, row: str, last: str, count: int
+) -> None:
+    rows = [(last if last and k >= count - 100 else row).format(k) for k in range(count)]
+    assert len(read_log(write(names + "".join(rows)), input="u", output="y", dt=1.0)) == count
+
+
 @every("rows", ["0,1,2\n1,2,x\n", "0,1,2\nx,1,2\n1,2,3\n", "a,1,2\nb,2,3\nc,2,3\n", "0,1,2\n1x,2,3\n"])
 def test_other_rows_of_text_stay_errors(write: Write, rows: str) -> None:
     with pytest.raises(LogError, match="is not a number"):

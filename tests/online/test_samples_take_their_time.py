@@ -136,3 +136,14 @@ def test_a_checkpoint_of_rows_whose_times_do_not_advance_is_refused() -> None:
     ident._now.kept.values[-1, -1] = 20.0  # that of the next sample
     with pytest.raises(DamagedCheckpointError, match="times are not valid"):
         rp.Identifier.from_bytes(ident.to_bytes())
+
+
+def test_a_checkpoint_of_rows_whose_samples_are_not_numbered_goes_on_the_same() -> None:
+    """As those of earlier commits."""
+    u, y = with_holes()
+    ident, other = made(2), made(2)
+    for each in (ident, other):
+        each.update_many(u[:20], y[:20])
+    ident._now.kept.values[:, -1] = 0.0
+    loaded = rp.Identifier.from_bytes(ident.to_bytes())
+    assert loaded.to_bytes() == other.to_bytes()

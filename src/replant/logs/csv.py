@@ -105,16 +105,22 @@ def _cut_line(layout: Layout) -> str:
 
 def _below_data(layout: Layout) -> range:
     """Return the last lines whose time is text, as of a row of means below the samples; empty if none is."""
-    times = {*time_candidates(layout.names), *layout.stamps}
-    times |= {form.date_column for form in layout.stamps.values() if form.date_column is not None}
-    lines = _tail(layout.path, layout.encoding)
+    joined = [
+        {column, column if form.date_column is None else form.date_column} for column, form in layout.stamps.items()
+    ]
+    alone = [{column} for column in time_candidates(layout.names) if not any(column in each for each in joined)]
+    lines, clocks = _tail(layout.path, layout.encoding), joined + alone
+    lines = lines[layout.path.stat().st_size > _TAIL_BYTES :]  # the first may be a part
     lines = lines[:-1] if lines and not lines[-1] else lines
     found = 0
     for back, line in enumerate(reversed(lines), 1):
         if not is_data(line):
             continue
         cells = split_or_none(line, layout.delimiter) or []
-        if len(cells) < len(layout.names) or not any(_is_word(cells[column]) for column in times):
+        if len(cells) < len(layout.names):
+            break
+        # while one clock can be read, a word in another is no sign of a row of another kind
+        if not clocks or not all(any(_is_word(cells[column]) for column in each) for each in clocks):
             break
         found = back
     else:

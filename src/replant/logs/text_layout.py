@@ -230,8 +230,10 @@ def is_prose(path: Path) -> bool:
         _, rows = _sample(path, _encoding(path))
     except (LogError, OSError):  # to be said by who reads it
         return False
-    # one line may be the header of a log that nothing was recorded into
-    return len(rows) > 1 and not any(_has_numbers(line, delimiter) for _, line in rows for delimiter in DELIMITERS)
+    # one line may be the header of a log that nothing was recorded into, and many lines may stand above its rows
+    return 1 < len(rows) < _SAMPLE_ROWS and not any(
+        _has_numbers(line, delimiter) for _, line in rows for delimiter in DELIMITERS
+    )
 
 
 def _has_numbers(line: str, delimiter: str | None) -> bool:

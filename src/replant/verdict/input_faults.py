@@ -325,6 +325,8 @@ def _curves(v: FloatArray) -> Iterator[FloatArray]:
 
 def _two_levels(v: FloatArray) -> FloatArray:
     """Return -1 and 1 (K,) for a signal with noise about two levels; zero where it has no noise, or other levels."""
+    if v.size < 2:
+        return np.zeros(v.size)
     ordered, count = np.sort(v - v.mean()), np.arange(1, v.size)
     shares = np.cumsum(ordered)[:-1] ** 2 / (count * count[::-1] * max(float(np.var(v)), float(np.finfo(float).tiny)))
     split = int(np.argmax(shares))

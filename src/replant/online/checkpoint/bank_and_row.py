@@ -158,6 +158,11 @@ def restored_row(attributes: dict[str, Any]) -> RowState:
     if any(each > plain["samples"] for each in loads) or plain["record_began"] >= max(plain["samples"], 1):
         raise DamagedCheckpointError("its changes are not valid")
     kept, clock = arrays.pop("kept"), arrays.pop("clock")
+    if (
+        not plain["stamped"] and kept.ndim == 2 and kept.size and not kept[:, -1].any()
+    ):  # earlier files do not number their samples
+        taken = plain["samples"] + sum(rejected.values()) - rejected["no output"]
+        kept = np.column_stack([kept[:, :-1], np.arange(taken - len(kept), taken, dtype=np.float64)])
     _checked("kept", kept, (len(kept), len(structures) + references + 2))
     findings: dict[str, Any] = {name: tuple(Finding(*map(str, each)) for each in plain[name]) for name in FINDINGS}
     statuses = {finding.status for each in findings.values() for finding in each}
