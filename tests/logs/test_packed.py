@@ -193,35 +193,36 @@ def test_a_command_reads_standard_input(
     assert piped["num"] == json.loads(capsys.readouterr().out)["num"]
 
 
-def test_what_is_left_out_is_said_on_standard_error(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("more", "options", "note"),
+    [
+        ("30.0,1.", (), "the last line is cut off ('30.0,1.') and left out\n"),
+        ("", ("--dt", "0.2"), "column 't' steps by 0.1 s, but --dt is 0.2 s; --dt is used"),
+    ],
+    ids=["a line that is left out", "a clock that contradicts"],
+)
+def test_what_is_noted_of_standard_input_is_said_on_standard_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], more: str, options: tuple[str, ...], note: str
 ) -> None:
-    pipe(monkeypatch, (record() + "30.0,1.").encode())
-    main(["fit", "-", "--input", "u", "--output", "y", "--poles", "1", "--json"])
+    pipe(monkeypatch, (record() + more).encode())
+    main(["fit", "-", "--input", "u", "--output", "y", "--poles", "1", "--json", *options])
     captured = capsys.readouterr()
-    assert "replant: note: -: the last line is cut off ('30.0,1.') and left out\n" in captured.err
+    assert f"replant: note: -: {note}" in captured.err
     assert json.loads(captured.out)["samples"] == 300
 
 
-def test_a_contradicting_clock_is_said_of_standard_input_too(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pipe(monkeypatch, record().encode())
-    main(["fit", "-", "--input", "u", "--output", "y", "--poles", "1", "--json", "--dt", "0.2"])
-    assert "replant: note: -: column 't' steps by 0.1 s, but --dt is 0.2 s; --dt is used" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(("content", "message"), [(b"", "-: the file is empty"), (b"\0\1", "-: not a text file")])
-def test_standard_input_that_is_not_text_is_refused(
-    monkeypatch: pytest.MonkeyPatch, content: bytes, message: str
+@pytest.mark.parametrize(
+    ("content", "is_terminal", "message"),
+    [
+        (b"", False, "-: the file is empty"),
+        (b"\0\1", False, "-: not a text file"),
+        (b"", True, "standard input: a log is to be piped into it"),
+    ],
+)
+def test_standard_input_that_is_not_text_or_a_terminal_is_refused(
+    monkeypatch: pytest.MonkeyPatch, content: bytes, is_terminal: bool, message: str
 ) -> None:
     pipe(monkeypatch, content)
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: is_terminal)
     with pytest.raises(LogError, match=message):
-        read_columns("-")
-
-
-def test_a_terminal_as_standard_input_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    pipe(monkeypatch, b"")
-    monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
-    with pytest.raises(LogError, match="standard input: a log is to be piped into it"):
         read_columns("-")

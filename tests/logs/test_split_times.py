@@ -39,7 +39,7 @@ def _write(path: Path, names: tuple[str, str], per_second: int, ticks: list[int]
 
 
 @pytest.mark.parametrize(("seconds", "rest", "per_second"), NAMES)
-def test_seconds_and_their_rest_are_one_clock_to_the_nanosecond(
+def test_seconds_and_their_rest_are_one_clock_to_the_nanosecond_and_are_called_so(
     tmp_path: Path, seconds: str, rest: str, per_second: int
 ) -> None:
     ticks = _ticks()
@@ -54,6 +54,9 @@ def test_seconds_and_their_rest_are_one_clock_to_the_nanosecond(
     assert found.clock.column.name == seconds
     assert not found.clock.problem
     assert options_of(found) == ("-i", "cmd", "-o", "vel", "-p", "2")
+    roles = {column.name: (column.kind.value, looks_like(column, found)) for column in found.contents.columns}
+    assert roles[seconds] == ("real", "time")
+    assert roles[rest] == ("part", "part of a time")
 
 
 def test_a_table_in_memory_has_the_same_clock(tmp_path: Path) -> None:
@@ -112,14 +115,6 @@ def test_seconds_of_a_minute_are_no_clock_and_this_is_said(tmp_path: Path, rows:
     found = inspect(file)
     assert found.clock is not None
     assert (found.clock.dt, "anew after one minute" in found.clock.problem) == (0.2, True)
-
-
-def test_a_part_of_a_time_is_called_one(tmp_path: Path) -> None:
-    file = _write(tmp_path / "log.csv", ("stamp.sec", "stamp.nanosec"), 10**9, _ticks())
-    found = inspect(file)
-    roles = {column.name: (column.kind.value, looks_like(column, found)) for column in found.contents.columns}
-    assert roles["stamp.sec"] == ("real", "time")
-    assert roles["stamp.nanosec"] == ("part", "part of a time")
 
 
 def test_two_columns_that_stand_still_are_no_clock(tmp_path: Path) -> None:

@@ -39,11 +39,6 @@ def test_a_complete_last_line_is_not_cut_off(write: Write, end: str) -> None:
         assert read_columns(write(WHOLE + end)).notes == ()
 
 
-def test_a_short_line_that_has_its_end_is_refused(write: Write) -> None:
-    with pytest.raises(LogError, match="line 5 has 2 cells where line 1 has 3"):
-        read_columns(write(WHOLE + "3,4.5\n")).column("u")
-
-
 BELOW = {
     "means": ("t,u,y\n", "{0},1,2\n", "\nMean,5,40\n# of all\nStd,2,2\n", "lines 1502 to 1504"),
     "a sum": ("y,u,time\n", "2,1,{0}\n", "5,6,total\n", "line 1501"),
@@ -92,10 +87,19 @@ def test_rows_with_a_word_in_a_column_that_is_no_clock_are_data(
     assert len(read_log(write(names + "".join(rows)), input="u", output="y", dt=1.0)) == count
 
 
-@every("rows", ["0,1,2\n1,2,x\n", "0,1,2\nx,1,2\n1,2,3\n", "a,1,2\nb,2,3\nc,2,3\n", "0,1,2\n1x,2,3\n"])
-def test_other_rows_of_text_stay_errors(write: Write, rows: str) -> None:
-    with pytest.raises(LogError, match="is not a number"):
-        read_log(write(f"t,u,y\n0,1,2\n{rows}" if rows[0] == "0" else f"t,u,y\n{rows}"), input="u", output="y")
+@every(
+    ("text", "words"),
+    [
+        ("t,u,y\n0,1,2\n0,1,2\n1,2,x\n", "is not a number"),
+        ("t,u,y\n0,1,2\n0,1,2\nx,1,2\n1,2,3\n", "is not a number"),
+        ("t,u,y\na,1,2\nb,2,3\nc,2,3\n", "is not a number"),
+        ("t,u,y\n0,1,2\n0,1,2\n1x,2,3\n", "is not a number"),
+        (WHOLE + "3,4.5\n", "line 5 has 2 cells where line 1 has 3"),  # it has its end
+    ],
+)
+def test_other_rows_of_text_and_short_lines_stay_errors(write: Write, text: str, words: str) -> None:
+    with pytest.raises(LogError, match=words):
+        read_log(write(text), input="u", output="y")
 
 
 def test_the_last_cell_is_cut_off_where_it_cannot_be_read(write: Write) -> None:

@@ -50,6 +50,14 @@ def test_true_and_false_are_one_and_zero(write: Write, head: str, mark: str) -> 
     assert table.column(2).tolist() == [1.0, 2.0, 0.0, 3.0]
 
 
+def rows_of(*columns: list[str]) -> str:
+    return "t;u;y\n" + "".join(f"{';'.join(row)}\n" for row in zip(*columns, strict=True))
+
+
+COUNT = [f"{k}" for k in range(300)]
+U, Y = [100 + 1600 * (k // 120 % 2) for k in range(300)], [40_000 + 37 * k for k in range(300)]
+
+
 OF_COLUMNS = {
     "quoted thousands between commas": ('t,u\n0,"1,234.5"\n1,0.5\n', {"u": [1234.5, 0.5]}),
     "quoted decimal commas between commas": ('"t","u"\n"0,0","1,5"\n"0,5","2,25"\n', {"u": [1.5, 2.25]}),
@@ -60,11 +68,23 @@ OF_COLUMNS = {
         "time;valve;flow\n" + "".join(f"10:00:{k:02};{k % 2};1.2{k:02},50\n" for k in range(60)),
         {"time": [*range(60)], "valve": [k % 2 for k in range(60)], "flow": [1200.5 + k for k in range(60)]},
     ),
+    "two marks, one of which separates thousands": (
+        rows_of(COUNT, [f"{u:,}".replace(",", ".") for u in U], [f"{y / 1000:.3f}".replace(".", ",") for y in Y]),
+        {"u": U, "y": [y / 1000 for y in Y]},
+    ),
+    "a mark that first shows far below": (
+        "t;u;y\n" + "".join(f"{k};{k};7\n" for k in range(500)) + "500;1.234,5;7\n501;0,25;7\n",
+        {"u": [*range(500), 1234.5, 0.25]},
+    ),
 }
 
 
 @every(("text", "columns"), OF_COLUMNS.values(), ids=OF_COLUMNS)
-def test_the_marks_of_a_column_are_found(write: Write, text: str, columns: dict[str, list[float]]) -> None:
+@every("size", [100, 1 << 20])
+def test_the_marks_of_a_column_are_found(
+    write: Write, monkeypatch: pytest.MonkeyPatch, text: str, columns: dict[str, list[float]], size: int
+) -> None:
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
     table = read_columns(write(text))
     for name, values in columns.items():
         assert table.column(name).tolist() == values
@@ -77,14 +97,6 @@ WORDS = {"WAHR": 1.0, "falsch": 0.0, "-1.#IND": np.nan, "1.#QNAN": np.nan, "#NV"
 def test_words_of_other_programs_are_numbers_or_missing(write: Write, mark: str) -> None:
     path = write("t;u\n" + "".join(f"{k}{mark}5;{word}\n" for k, word in enumerate(WORDS)))
     np.testing.assert_array_equal(read_columns(path).column("u"), [*WORDS.values()])
-
-
-def rows_of(*columns: list[str]) -> str:
-    return "t;u;y\n" + "".join(f"{';'.join(row)}\n" for row in zip(*columns, strict=True))
-
-
-COUNT = [f"{k}" for k in range(300)]
-U, Y = [100 + 1600 * (k // 120 % 2) for k in range(300)], [40_000 + 37 * k for k in range(300)]
 
 
 @every("size", [100, 1 << 20])
@@ -100,13 +112,6 @@ def test_a_mark_before_three_digits_beside_whole_numbers_is_ambiguous(
         table.column("u")
 
 
-def test_two_marks_tell_which_of_them_separates_thousands(write: Write) -> None:
-    decimals = [f"{y / 1000:.3f}".replace(".", ",") for y in Y]
-    table = read_columns(write(rows_of(COUNT, [f"{u:,}".replace(",", ".") for u in U], decimals)))
-    assert table.column("u").tolist() == U
-    assert table.column("y").tolist() == [y / 1000 for y in Y]
-
-
 @every("u", ["{:.3f}", "{:.0f}", "{:.1f}"])
 def test_numbers_that_a_program_prints_alike_are_no_thousands(write: Write, u: str) -> None:
     """Three decimals in all rows, whole numbers, or a whole number of four digits, which no separator splits."""
@@ -120,12 +125,6 @@ def test_a_number_with_its_unit_is_named(write: Write) -> None:
     rows = "".join(f"{k} s,{k}.5 %,7\n" for k in range(9))
     with pytest.raises(LogError, match="line 2, column 't': '0 s' is not a number"):
         read_columns(write("t,u,y\n" + rows)).column("t")
-
-
-def test_the_mark_may_first_show_far_below(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(csv_module, "BLOCK_BYTES", 100)
-    path = write("t;u;y\n" + "".join(f"{k};{k};7\n" for k in range(500)) + "500;1.234,5;7\n501;0,25;7\n")
-    assert read_columns(path).column("u").tolist() == [*range(500), 1234.5, 0.25]
 
 
 AMBIGUOUS = {

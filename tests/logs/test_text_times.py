@@ -63,22 +63,6 @@ def test_a_clock_of_digits_beside_a_date_of_digits_goes_on_over_midnight(write: 
     assert read_columns(path).column("time").tolist() == list(range(400))
 
 
-def test_minutes_and_seconds_with_a_fraction_go_on_over_the_hour(write: Write) -> None:
-    for name in ("time", "time [mm:ss]"):
-        path = write(f"{name},u,y\n" + "".join(f"{k // 60 % 60}:{k % 60:02}.5,1,2\n" for k in range(7300)))
-        assert read_columns(path).column(0).tolist() == list(range(7300))
-
-
-def test_stamps_cross_midnight_months_and_leap_days(write: Write) -> None:
-    begin = datetime(2024, 2, 28, 23, 0)
-    stamps = [begin + timedelta(minutes=10 * k) for k in range(400)]
-    path = write("when,u,y\n" + "".join(f"{stamp:%d.%m.%Y %H:%M},1,2\n" for stamp in stamps))
-    log = read_log(path, input="u", output="y")
-    assert log.dt == 600.0
-    assert log.time is not None
-    assert log.time[-1] == 600.0 * 399
-
-
 @every("size", [1, 40, 1 << 20])
 def test_a_clock_without_a_date_goes_on_over_midnight(write: Write, monkeypatch: pytest.MonkeyPatch, size: int) -> None:
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
@@ -108,13 +92,52 @@ def test_two_numbers_are_hours_and_minutes_unless_the_name_says_otherwise(
     assert ("minutes and seconds; if they are, name the column" in recording.doubt) == is_doubtful
 
 
-def test_minutes_and_seconds_go_on_over_the_hour(write: Write) -> None:
-    wrapped = [f"{k // 60 % 60}:{k % 60:02}" for k in range(7300)]
-    counted = [f"{k // 60}:{k % 60:02}" for k in range(7300)]
-    with_hours = [cell if k < 3600 else f"{k // 3600}:{cell:>05}" for k, cell in enumerate(wrapped)]
-    for cells in (wrapped, counted, with_hours):
-        path = write("time [mm:ss],u,y\n" + "".join(f"{cell},1,2\n" for cell in cells))
-        assert read_columns(path).column(0).tolist() == list(range(7300))
+WRAPPED = [f"{k // 60 % 60}:{k % 60:02}" for k in range(7300)]
+OVER_THE_HOUR = {
+    "begun anew": ("time [mm:ss]", WRAPPED),
+    "counted on": ("time [mm:ss]", [f"{k // 60}:{k % 60:02}" for k in range(7300)]),
+    "with hours": ("time [mm:ss]", [cell if k < 3600 else f"{k // 3600}:{cell:>05}" for k, cell in enumerate(WRAPPED)]),
+    "a fraction": ("time [mm:ss]", [f"{cell}.5" for cell in WRAPPED]),
+    "a fraction tells the unit": ("time", [f"{cell}.5" for cell in WRAPPED]),
+}
+
+
+@every(("name", "cells"), OVER_THE_HOUR.values(), ids=OVER_THE_HOUR)
+def test_minutes_and_seconds_go_on_over_the_hour(write: Write, name: str, cells: list[str]) -> None:
+    path = write(f"{name},u,y\n" + "".join(f"{cell},1,2\n" for cell in cells))
+    assert read_columns(path).column(0).tolist() == list(range(7300))
+
+
+TWO_DAYS = "01.05.2024;23:59:58;1;2\n01.05.2024;23:59:59;1;2\n02.05.2024;00:00:00;1;2\n"
+CLOCKS = {
+    "over midnight, months and leap days": (
+        "when,u,y\n"
+        + "".join(f"{datetime(2024, 2, 28, 23) + timedelta(minutes=10 * k):%d.%m.%Y %H:%M},1,2\n" for k in range(400)),
+        600.0,
+        400,
+    ),
+    "offsets at the end of daylight saving time": (
+        "time,u,y\n2024-10-27T02:59:59+02:00,1,2\n2024-10-27T02:00:00+01:00,1,2\n2024-10-27T02:00:01+01:00,1,2\n",
+        1.0,
+        3,
+    ),
+    "date and clock time in two columns": (f"Date;Time;u;y\n{TWO_DAYS}", 1.0, 3),
+    "the same in German": (f"Datum;Uhrzeit;u;y\n{TWO_DAYS}", 1.0, 3),
+    "the limits of the query in each row, as InfluxDB writes them": (
+        "_start,_stop,_time,u,y\n"
+        + "".join(f"2024-05-01T00:00:00Z,2024-05-02T00:00:00Z,2024-05-01T10:00:{k:02}Z,1,2\n" for k in range(60)),
+        1.0,
+        60,
+    ),
+}
+
+
+@every(("text", "dt", "rows"), CLOCKS.values(), ids=CLOCKS)
+def test_dates_are_one_clock_however_they_are_written(write: Write, text: str, dt: float, rows: int) -> None:
+    log = read_log(write(text), input="u", output="y")
+    assert log.dt == dt
+    assert log.time is not None
+    assert log.time.tolist() == [dt * k for k in range(rows)]
 
 
 @given(
@@ -144,20 +167,6 @@ def test_nanoseconds_stay_exact() -> None:
     found = find_format(cells)
     assert found is not None
     assert found.seconds(cells).tolist() == [0.0, 3e-9]
-
-
-def test_stamps_with_different_offsets_are_instants(write: Write) -> None:
-    """The end of daylight saving time, written with the offsets from UTC."""
-    path = write(
-        "time,u,y\n2024-10-27T02:59:59+02:00,1,2\n2024-10-27T02:00:00+01:00,1,2\n2024-10-27T02:00:01+01:00,1,2\n"
-    )
-    assert read_log(path, input="u", output="y").dt == 1.0
-
-
-@pytest.mark.parametrize("names", ["Date;Time;u;y", "Datum;Uhrzeit;u;y"])
-def test_date_and_clock_time_in_two_columns_are_joined(write: Write, names: str) -> None:
-    rows = "".join(f"01.05.2024;23:59:{s};1;2\n" for s in (58, 59)) + "02.05.2024;00:00:00;1;2\n"
-    assert read_log(write(f"{names}\n{rows}"), input="u", output="y").time.tolist() == [0.0, 1.0, 2.0]  # type: ignore[union-attr]
 
 
 def test_stamps_are_read_in_a_file_without_names(write: Write) -> None:
@@ -243,10 +252,3 @@ def test_a_clock_that_jumps_is_an_error(
 )
 def test_cells_that_are_not_stamps_have_no_format(cell: str) -> None:
     assert find_format([cell]) is None
-
-
-def test_of_several_dates_the_one_that_moves_is_the_time(write: Write) -> None:
-    """As InfluxDB writes the limits of the query in each row."""
-    rows = [f"2024-05-01T00:00:00Z,2024-05-02T00:00:00Z,2024-05-01T10:00:{k:02}Z,1,2" for k in range(60)]
-    log = read_log(write("_start,_stop,_time,u,y\n" + "\n".join(rows) + "\n"), input="u", output="y")
-    assert log.dt == 1.0
