@@ -184,11 +184,6 @@ def test_odd_names_are_rigs_of_their_own_and_kept(tmp_path: Path) -> None:
     assert all(Path(report_path(name)).parent == Path("reports") for name in odd)
 
 
-def test_rows_with_an_empty_name_are_no_rig(tmp_path: Path) -> None:
-    parquet.write_table(as_table(recorded(0, 4), rig=["a", "a", "", " "]), tmp_path / "all.parquet")
-    assert names(tmp_path, "rig") == ["(no name)", "a"]
-
-
 @pytest.mark.parametrize("value", ["", "__HIVE_DEFAULT_PARTITION__"])
 def test_a_hive_folder_without_a_value_is_a_rig_that_fails(tmp_path: Path, value: str) -> None:
     as_parquet(tmp_path / f"rig={value}" / "a.parquet", recorded(0, 20))
@@ -196,13 +191,24 @@ def test_a_hive_folder_without_a_value_is_a_rig_that_fails(tmp_path: Path, value
     assert "has no value" in rig.problem
 
 
-def test_the_name_is_found_behind_a_column_of_structures(tmp_path: Path) -> None:
-    """The footer counts each field of a structure as a column."""
-    more = {"place": pyarrow.array([{"hall": "h", "row": "never"}] * 40), "rig": ["x"] * 20 + ["y"] * 20}
-    record = recorded(0, 40)
+HALLS = pyarrow.array([{"hall": "h", "row": "never"}] * 40)  # the footer counts each field of a structure as a column
+
+
+@every(
+    ("samples", "more", "found"),
+    [
+        (4, {"rig": ["a", "a", "", " "]}, ["(no name)", "a"]),
+        (40, {"place": HALLS, "rig": ["x"] * 20 + ["y"] * 20}, ["x", "y"]),
+    ],
+    ids=["rows with an empty name are no rig", "the name is found behind a column of structures"],
+)
+def test_rigs_are_told_by_the_names_in_their_rows(
+    tmp_path: Path, samples: int, more: dict[str, object], found: list[str]
+) -> None:
+    record = recorded(0, samples)
     table = pyarrow.table({**more, "t": record.t, "u": record.u, "y": record.y})
-    parquet.write_table(table, tmp_path / "a.parquet", row_group_size=20)
-    assert names(tmp_path, "rig") == ["x", "y"]
+    parquet.write_table(table, tmp_path / "all.parquet", row_group_size=20)
+    assert names(tmp_path, "rig") == found
 
 
 # --- results

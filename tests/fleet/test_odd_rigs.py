@@ -258,13 +258,10 @@ def test_the_same_results_have_not_drifted(tmp_path: Path) -> None:
     assert (drift.drifted, drift.compared) == ((), 40)
 
 
-def test_fleets_of_other_structures_are_not_compared(tmp_path: Path) -> None:
+def test_fleets_of_other_structures_and_the_same_results_are_not_compared(tmp_path: Path) -> None:
     one = rp.fleet.Fleet(tmp_path, rp.Structure(1))
     with pytest.raises(InvalidArgumentError, match="identify both with the same options"):
         drift_between(one, rp.fleet.Fleet(tmp_path, TWO))
-
-
-def test_results_are_not_compared_with_themselves(tmp_path: Path) -> None:
     now = saved(tmp_path / "now", fleet(0, 10))
     with pytest.raises(InvalidArgumentError, match="would replace those that they are compared with"):
         drift_between(now, now)

@@ -68,6 +68,7 @@ def test_every_encoding_is_recognized(write: Write, encoding: str) -> None:
 
 
 NAN = np.nan
+TABBED = {0: [0.0, 1.0, 2.0], 1: [1.0, NAN, 5.0], 2: [2.0, 4.0, 6.0]}
 COLUMNS: dict[str, tuple[str, tuple[str, ...], dict[str | int, list[float]]]] = {
     "units, quoted delimiter": ('time [s],"force, raw [N]"\n0,1\n1,2\n', ("time [s]", "force, raw [N]"), {}),
     "units, blanks": ("time [s]  u (V) y\n0 1 2\n1 2 3\n", ("time [s]", "u (V)", "y"), {}),
@@ -81,6 +82,15 @@ COLUMNS: dict[str, tuple[str, tuple[str, ...], dict[str | int, list[float]]]] = 
                     {"u": [1.5, 2.5]}),
     "missing and infinite": ("t,u,y\n0,,1\n1,nan,inf\n2,NA,-inf\n3,NaN,Infinity\n4,n/a,1e400\n5,7,\n", ("t", "u", "y"),
                              {"u": [NAN] * 5 + [7.0], "y": [1.0, np.inf, -np.inf, np.inf, np.inf, NAN]}),
+    "lines of tabs": ("t\tu\ty\n0\t1\t2\n\t\t\n1\t\t4\n2\t5\t6\n\t\t\n \t\t ", ("t", "u", "y"), TABBED),
+    "lines of tabs beside a comment": ("t\tu\ty\n0\t1\t2\n\t\t\n# a comment\n1\t\t4\n2\t5\t6\n\t\t\n \t\t ",
+                                       ("t", "u", "y"), TABBED),  # NumPy reads a block without comments
+    "names that are numbers": ("time,101,102,205\n0,20,21,22\n1,20,21,22\n", ("time", "101", "102", "205"), {}),
+    "a name that is a number": ("t,u,y,2\n0,1,2,3\n1,2,3,4\n", ("t", "u", "y", "2"), {}),
+    "no first name": (",u,y\n0,1,2\n1,2,3\n", ("0", "u", "y"), {}),
+    "names that begin as numbers": ("3.3V,5V,t\n1,2,3\n2,3,4\n", ("3.3V", "5V", "t"), {}),
+    "no last names": ("u,y,,\n1,2,,\n2,3,,\n", ("u", "y", "2"), {}),
+    "no header, words": ("u,1\na,2\nb,3\n", ("0", "1"), {}),
 }  # fmt: skip
 
 
@@ -240,6 +250,9 @@ BAD = {
         "line 1, column 1: '1.5x' is a name or a damaged number; correct it, or put #",
     ),
     "long text": ("t,u,y\n0,1,2\n1," + "x" * 999 + ",3\n", "'" + "x" * 40 + "...' is not a number"),
+    # comments alone are told from the beginning of the file, or from all of it
+    "a comment as long as the beginning": ("# a line\n".ljust((1 << 16) - 1, "#") + "\n", "the file is empty"),
+    "a comment longer than the beginning": ("# a line\n".ljust(1 << 16, "#") + "\n", "no row of data"),
 }
 
 
@@ -283,22 +296,6 @@ def test_a_damaged_first_row_is_never_taken_for_names(write: Write, text: str, h
                 assert layout.names_line is None, path.read_text()
 
 
-@every(
-    ("text", "names"),
-    [
-        ("t,2,1\n0.0,1.5,2\n0.1,2.5,4\n", ("t", "2", "1")),
-        ("time,101,102,205\n0,20,21,22\n1,20,21,22\n", ("time", "101", "102", "205")),
-        ("t,u,y,2\n0,1,2,3\n1,2,3,4\n", ("t", "u", "y", "2")),
-        (",u,y\n0,1,2\n1,2,3\n", ("0", "u", "y")),
-        ("3.3V,5V,t\n1,2,3\n2,3,4\n", ("3.3V", "5V", "t")),
-        ("u,y,,\n1,2,,\n2,3,,\n", ("u", "y", "2")),
-        ("u,1\na,2\nb,3\n", ("0", "1")),
-    ],
-)
-def test_names_that_are_none_of_a_damaged_row(write: Write, text: str, names: tuple[str, ...]) -> None:
-    assert read_columns(write(text)).names == names
-
-
 @pytest.mark.slow
 @every("header", ["{}", '"{}"', "c{}", None], ids=["numbers", "quoted", "names", "none"], quick=2)
 def test_a_hundred_thousand_columns_are_opened(write: Write, header: str | None) -> None:
@@ -335,22 +332,59 @@ def test_an_error_beyond_the_first_block_has_its_line(
         read_columns(write(end.join(["t,u,y", *rows]).encode())).column("u")
 
 
-def test_a_title_that_a_spreadsheet_filled_up_is_a_title(tmp_path: Path) -> None:
-    """Each line of an export has as many cells as the widest one."""
-    file = tmp_path / "export.csv"
-    file.write_text("Oven 3;12.11.2026;;\nt;u;pump;y\n[s];[%];[%];[degC]\n0;1,5;;20,1\n1;1,5;0;20,2\n2;1,5;0;\n")
-    table = read_columns(file)
-    assert table.names == ("t [s]", "u [%]", "pump [%]", "y [degC]")
-    np.testing.assert_array_equal(table.column("y [degC]"), [20.1, 20.2, np.nan])
+NUMBERED = ("0", "1", "2")
+ABOVE_DATA = "lines 1 to 2 are above the data, and left out; the columns are called 0, 1, 2"
+ABOVE = {
+    # each line of an export has as many cells as the widest one
+    "a title that a spreadsheet filled up": (
+        "Oven 3;12.11.2026;;\nt;u;pump;y\n[s];[%];[%];[degC]\n0;1,5;;20,1\n1;1,5;0;20,2\n2;1,5;0;\n",
+        ("t [s]", "u [%]", "pump [%]", "y [degC]"),
+        ("line 1 is above the names, and left out",),
+        {"y [degC]": [20.1, 20.2, NAN]},
+    ),
+    "a title": (
+        "Motor test\n\nOperator;Smith\nt;u;y\ns;V;mm\n0;1;2\n1;3;4\n2;5;6\n3;7;8\n",
+        ("t [s]", "u [V]", "y [mm]"),
+        ("lines 1 to 3 are above the names, and left out",),
+        {"y": [2.0, 4.0, 6.0, 8.0]},
+    ),
+    **{
+        f"a comment that is no header, {comment}": (f"{comment}\n{row}\n{row}\n", NUMBERED, (), {})
+        for comment, row in (
+            ("# rig 7, 3 May, 12 V, no load", "0,1,2"), ("# a, b", "0,1,2"), ("# what we did on the day", "0 1 2"),
+        )
+    },
+    **{
+        f"text above rows of numbers, {above.partition(' ')[0]}": (
+            above + "".join(f"{mark.join(row)}\n" for row in (("0.0", "0.1", "2.5"), ("0.1", "3.1", "4.5"),
+                                                              ("0.2", "5.1", "6.5"))),
+            NUMBERED, (ABOVE_DATA,), {1: [0.1, 3.1, 5.1]},
+        )
+        for above, mark in (
+            ("HSVA, the experimental data\nZ20/10 starting to starboard\n", "   "),  # as model basins write it
+            ("Zig-zag manoeuvring: 20 / -20\n\n", "\t"),
+            ("t [s] || speed [rot. s^-1] || duty cycle [%] ||\nposition [deg]\n", "\t"),
+        )
+    },
+}  # fmt: skip
 
 
-def test_a_title_above_the_names_is_left_out_and_said(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text("Motor test\n\nOperator;Smith\nt;u;y\ns;V;mm\n0;1;2\n1;3;4\n2;5;6\n3;7;8\n")
+@every(("text", "names", "notes", "columns"), ABOVE.values(), ids=ABOVE)
+@every("name", ["log.csv", "log.txt"])
+def test_what_is_above_the_names_or_the_data_is_left_out_and_said(
+    write: Write,
+    text: str,
+    names: tuple[str, ...],
+    notes: tuple[str, ...],
+    columns: dict[str | int, list[float]],
+    name: str,
+) -> None:
+    path = write(text, name)
     table = read_columns(path)
-    assert table.names == ("t [s]", "u [V]", "y [mm]")
-    assert table.notes == (f"{path}: lines 1 to 3 are above the names, and left out",)
-    assert table.column("y").tolist() == [2.0, 4.0, 6.0, 8.0]
+    assert table.names == names
+    assert table.notes == tuple(f"{path}: {note}" for note in notes)
+    for key, values in columns.items():
+        np.testing.assert_array_equal(table.column(key), values)
 
 
 def test_a_header_with_more_names_than_columns_is_left_out_and_said(tmp_path: Path) -> None:
@@ -365,54 +399,12 @@ def test_a_header_with_more_names_than_columns_is_left_out_and_said(tmp_path: Pa
             table.column(key)
 
 
-@pytest.mark.parametrize(
-    ("comment", "row"),
-    [("# rig 7, 3 May, 12 V, no load", "0,1,2"), ("# a, b", "0,1,2"), ("# what we did on the day", "0 1 2")],
-)
-def test_a_comment_that_is_no_header_is_passed_over(tmp_path: Path, comment: str, row: str) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text(f"{comment}\n{row}\n{row}\n")
-    table = read_columns(path)
-    assert (table.names, table.notes) == (("0", "1", "2"), ())
-
-
-@pytest.mark.parametrize(
-    ("above", "delimiter"),
-    [
-        ("HSVA, the experimental data\nZ20/10 starting to starboard\n", "   "),  # as model basins write it
-        ("Zig-zag manoeuvring: 20 / -20\n\n", "\t"),
-        ("t [s] || speed [rot. s^-1] || duty cycle [%] ||\nposition [deg]\n", "\t"),
-    ],
-)
-def test_text_above_rows_of_numbers_is_left_out_and_said(tmp_path: Path, above: str, delimiter: str) -> None:
-    path = tmp_path / "log.txt"
-    rows = ("0.0", "0.1", "2.5"), ("0.1", "3.1", "4.5"), ("0.2", "5.1", "6.5")
-    path.write_text(above + "".join(delimiter.join(row) + "\n" for row in rows))
-    table = read_columns(path)
-    assert table.notes == (f"{path}: lines 1 to 2 are above the data, and left out; the columns are called 0, 1, 2",)
-    assert table.column(1).tolist() == [0.1, 3.1, 5.1]
-
-
-@pytest.mark.parametrize("comment", ["", "# a comment\n"])  # NumPy reads a block without comments
-def test_a_line_of_tabs_is_a_blank_line(tmp_path: Path, comment: str) -> None:
-    path = tmp_path / "log.txt"
-    path.write_text(f"t\tu\ty\n0\t1\t2\n\t\t\n{comment}1\t\t4\n2\t5\t6\n\t\t\n \t\t ")
-    columns = read_columns(path).columns([0, 1, 2])
-    np.testing.assert_array_equal(columns, [[0.0, 1.0, 2.0], [1.0, np.nan, 5.0], [2.0, 4.0, 6.0]])
-
-
 @pytest.mark.parametrize("above", ["t,u\n", "0,1\n", "t u y\n", "t;u;y\n", "Motor test\n0,1\n"])
 def test_a_short_line_above_numbers_is_no_title(tmp_path: Path, above: str) -> None:
     path = tmp_path / "log.csv"
     path.write_text(above + "0,1,2\n1,3,4\n2,5,6\n")
     with pytest.raises(LogError, match="line 2"):
         read_columns(path).column(0)
-
-
-@pytest.mark.parametrize(("size", "message"), [(1 << 16, "the file is empty"), ((1 << 16) + 1, "no row of data")])
-def test_a_file_of_comments_is_empty_if_its_beginning_is_all_of_it(write: Write, size: int, message: str) -> None:
-    with pytest.raises(LogError, match=message):
-        read_columns(write("# a line\n".ljust(size - 1, "#") + "\n"))
 
 
 def test_a_line_of_any_number_of_empty_cells_is_read_in_one_pass(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import sys
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,22 +43,76 @@ def test_row_and_column_vectors_are_signals(tmp_path: Path, shape: tuple[int, in
     np.testing.assert_array_equal(log.time, T)
 
 
-def test_the_columns_of_a_matrix_are_signals(tmp_path: Path) -> None:
-    path = save(tmp_path, rig_dat=np.column_stack([T, U]))
-    assert read_columns(path).names == ("rig_dat[:,0]", "rig_dat[:,1]", "rig_dat[:,2]")
-    log = read_log(path, time="rig_dat[:,0]", input="rig_dat[:, 1]", output=2)
+def cells(*held: object) -> np.ndarray:
+    """Return a cell array, as SciPy has it."""
+    found = np.empty((1, len(held)), object)
+    for number, each in enumerate(held):
+        found[0, number] = each
+    return found
+
+
+def iddata(**fields: object) -> MatlabObject:
+    """Return an object of the System Identification Toolbox, whose fields SciPy reads."""
+    held = np.empty((1, 1), [(name, object) for name in fields])
+    held[0, 0] = tuple(fields.values())
+    return MatlabObject(held, "iddata")
+
+
+SIGNALS = {
+    "columns of a matrix": (
+        {"rig_dat": np.column_stack([T, U])},
+        ("rig_dat[:,0]", "rig_dat[:,1]", "rig_dat[:,2]"),
+        {"time": "rig_dat[:,0]", "input": "rig_dat[:, 1]", "output": 2},
+        0.1,
+    ),
+    "rows of a wide matrix": (
+        {"d": U.T}, ("d[0,:]", "d[1,:]"), {"input": "d[0,:]", "output": "d[1,:]", "dt": 0.1}, 0.1,
+    ),
+    "fields of a struct": (
+        {"data": {"time": T, "udat": U, "inner": {"deep": T}, "note": "rig 7", "Ts": 0.1}, "gain": 3.0},
+        ("data.time", "data.udat[:,0]", "data.udat[:,1]"),
+        {"input": "data.udat[:,0]", "output": "data.udat[:,1]"},
+        0.1,  # from data.time
+    ),
+    # as a recorder writes them: one struct for the time, and one for each signal
+    "structs within a struct": (
+        {
+            "rec": {
+                "X": {"Data": T},
+                "Y": np.array([(U[:, 0], "V"), (U[:, 1], "rpm")], dtype=[("Data", object), ("Unit", object)]),
+                "Note": "a run",
+            }
+        },
+        ("rec.X.Data", "rec.Y(1).Data", "rec.Y(2).Data"),
+        {"time": "rec.X.Data", "input": "rec.Y(1).Data", "output": "rec.Y(2).Data"},
+        0.1,
+    ),
+    "fields of an iddata object": (
+        {
+            "data": iddata(
+                Domain="Time", OutputData=cells(U[:, 1:]), InputData=cells(U[:, :1]), InputName=cells("u1"),
+                Ts=cells(0.25),
+            ),
+            "n": 3.0,
+        },
+        ("data.OutputData", "data.InputData"),
+        {"input": "data.InputData", "output": "data.OutputData"},
+        0.25,
+    ),
+}  # fmt: skip
+
+
+@every(("variables", "names", "choice", "dt"), SIGNALS.values(), ids=SIGNALS)
+def test_columns_of_matrices_and_fields_of_structs_are_signals(
+    tmp_path: Path, variables: dict[str, Any], names: tuple[str, ...], choice: dict[str, Any], dt: float
+) -> None:
+    path = save(tmp_path, **variables)
+    assert read_columns(path).names == names
+    log = read_log(path, **choice)
+    assert log.dt == dt
     np.testing.assert_array_equal(log.input, U[:, 0])
     np.testing.assert_array_equal(log.output, U[:, 1])
     assert log.input.flags.c_contiguous
-
-
-def test_structs_within_a_struct(tmp_path: Path) -> None:
-    """As a recorder writes them: one struct for the time, and one for each signal."""
-    signals = np.array([(U[:, 0], "V"), (U[:, 1], "rpm")], dtype=[("Data", object), ("Unit", object)])
-    path = save(tmp_path, rec={"X": {"Data": T}, "Y": signals, "Note": "a run"})
-    assert read_columns(path).names == ("rec.X.Data", "rec.Y(1).Data", "rec.Y(2).Data")
-    log = read_log(path, time="rec.X.Data", input="rec.Y(1).Data", output="rec.Y(2).Data")
-    np.testing.assert_array_equal(log.output, U[:, 1])
 
 
 @every(
@@ -75,20 +130,6 @@ def test_columns_that_make_no_log_are_refused(
     path = save(tmp_path, **variables)
     with pytest.raises(LogError, match=message):
         read_log(path, input=choice[0], output=choice[1], dt=0.1)
-
-
-def test_the_rows_of_a_wide_matrix_are_signals(tmp_path: Path) -> None:
-    table = read_columns(save(tmp_path, d=U.T))
-    assert table.names == ("d[0,:]", "d[1,:]")
-    np.testing.assert_array_equal(table.column("d[1,:]"), U[:, 1])
-
-
-def test_the_fields_of_a_struct_are_signals(tmp_path: Path) -> None:
-    path = save(tmp_path, data={"time": T, "udat": U, "inner": {"deep": T}, "note": "rig 7", "Ts": 0.1}, gain=3.0)
-    assert read_columns(path).names == ("data.time", "data.udat[:,0]", "data.udat[:,1]")
-    log = read_log(path, input="data.udat[:,0]", output="data.udat[:,1]")
-    np.testing.assert_array_equal(log.input, U[:, 0])
-    assert log.dt == 0.1  # from data.time
 
 
 def test_of_several_times_the_one_of_the_same_length_counts(tmp_path: Path) -> None:
@@ -208,32 +249,6 @@ def test_an_object_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     path.write_bytes(alone)
     with pytest.raises(LogError, match=message):
         read_columns(path)
-
-
-def cells(*held: object) -> np.ndarray:
-    """Return a cell array, as SciPy has it."""
-    found = np.empty((1, len(held)), object)
-    for number, each in enumerate(held):
-        found[0, number] = each
-    return found
-
-
-def iddata(**fields: object) -> MatlabObject:
-    """Return an object of the System Identification Toolbox, whose fields SciPy reads."""
-    held = np.empty((1, 1), [(name, object) for name in fields])
-    held[0, 0] = tuple(fields.values())
-    return MatlabObject(held, "iddata")
-
-
-def test_an_iddata_object_is_read_as_a_struct(tmp_path: Path) -> None:
-    u, y = U[:, :1], U[:, 1:]
-    data = iddata(Domain="Time", OutputData=cells(y), InputData=cells(u), InputName=cells("u1"), Ts=cells(0.25))
-    path = save(tmp_path, data=data, n=3.0)
-    assert read_columns(path).names == ("data.OutputData", "data.InputData")
-    log = read_log(path, input="data.InputData", output="data.OutputData")
-    assert log.dt == 0.25
-    np.testing.assert_array_equal(log.input, U[:, 0])
-    np.testing.assert_array_equal(log.output, U[:, 1])
 
 
 def test_each_experiment_of_an_iddata_object_has_its_columns(tmp_path: Path) -> None:

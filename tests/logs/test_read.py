@@ -42,9 +42,20 @@ def test_the_exact_name_comes_first(write: Write) -> None:
     assert (table.find("u"), table.find("U"), table.find("Y")) == (0, 1, 2)
 
 
-def test_a_name_in_another_case_must_be_unique(write: Write) -> None:
-    with pytest.raises(LogError, match=r"column 'speed' could be any of 0 \('Speed'\), 1 \('SPEED'\)"):
-        read_columns(write("Speed,SPEED,y\n1,2,3\n4,5,6\n")).find("speed")
+@every(
+    ("names", "key", "message"),
+    [
+        (["Speed", "SPEED", "y"], "speed", r"column 'speed' could be any of 0 \('Speed'\), 1 \('SPEED'\)"),
+        ([f"c{k}" for k in range(30)], "c299", r"there are: c29, .*, \.\.\. \(18 more\)$"),
+    ],
+    ids=["in another case it must be unique", "a long list is cut"],
+)
+def test_a_name_that_is_none_or_of_several_columns_is_refused(
+    write: Write, names: list[str], key: str, message: str
+) -> None:
+    path = write("".join(",".join(row) + "\n" for row in (names, ["1"] * len(names), ["4"] * len(names))))
+    with pytest.raises(LogError, match=message):
+        read_columns(path).find(key)
 
 
 def test_a_wrong_name_lists_the_names_closest_first(write: Write) -> None:
@@ -55,13 +66,6 @@ def test_a_wrong_name_lists_the_names_closest_first(write: Write) -> None:
         str(caught.value)
         == f"{path}: no column 'volts' (did you mean 'voltage'?); there are: voltage, speed, temperature"
     )
-
-
-def test_a_long_list_is_cut(write: Write) -> None:
-    names = [f"c{k}" for k in range(30)]
-    path = write(",".join(names) + "\n" + 2 * (",".join("1" * 30) + "\n"))
-    with pytest.raises(LogError, match=r"there are: c29, .*, \.\.\. \(18 more\)$"):
-        read_columns(path).find("c299")
 
 
 @every("key", [1.0, None, True, ["u"]])

@@ -157,12 +157,6 @@ def test_stamps_that_do_not_increase_are_not_a_regular_clock(stamps: list[float]
     assert is_regular(np.array(stamps)) == (len(stamps) < 2)
 
 
-def test_a_column_that_has_another_role_is_not_looked_for_as_the_time(write: Write) -> None:
-    path = write(log_text(["0", "0.1", "0.2"]))
-    with pytest.raises(LogError, match="no other column is called t, time or timestamp; name the time column"):
-        read_log(path, input="t", output="y")
-
-
 DISORDERED = {
     "repeated": (log_text(["0", "0.1", "0.1", "0.2"]), "line 4, column 't': the time stamp 0.1 repeats the one before"),
     "begun anew": (
@@ -306,13 +300,6 @@ def test_without_time_and_dt_both_are_named_and_options_where_a_command_may_read
         open_recording(path, input="u", output="y")
 
 
-def test_two_columns_called_time_are_refused_until_one_is_named(write: Write) -> None:
-    path = write("t,timestamp,u,y\n0,5,1,2\n1,6,2,3\n")
-    with pytest.raises(LogError, match="several columns could be the time: 't', 'timestamp'; name the time column"):
-        read_log(path, input="u", output="y")
-    assert read_log(path, input="u", output="y", time="timestamp").dt == 1.0
-
-
 @every(
     ("given", "message"),
     [
@@ -366,47 +353,81 @@ def test_a_temperature_under_the_letter_t_is_the_output_and_not_the_time(write: 
     assert log.output.tolist() == pytest.approx(WARM)
 
 
-def test_a_temperature_under_the_letter_t_does_not_make_the_time_ambiguous_or_wrong(write: Write) -> None:
-    rows = [f"{0.5 * k},{k % 2},{k % 3},{warm}" for k, warm in enumerate(WARM)]
-    assert read_log(write("\n".join(["t,u,y,T", *rows])), input="u", output="y").dt == 0.5
-    with pytest.raises(LogError, match="no column is called t, time or timestamp; name the time column"):
-        read_log(write("\n".join(["Zeit,u,y,T", *rows])), input="u", output="y")
-
-
-@every("names", ["Zeit,u,y,T", "row,u,y,T"])
-@every("rise", [lambda k: 20.0 + 0.1 * k, lambda k: 20.0 + 60.0 * (1.0 - np.exp(-k / 8.0))])
-def test_a_temperature_that_rises_is_not_the_time(write: Write, names: str, rise) -> None:
-    rows = [f"{0.5 * k},{k % 2},{k % 3},{rise(k):.3f}" for k in range(40)]
-    with pytest.raises(LogError, match="name the time column"):
-        read_log(write("\n".join([names, *rows])), input="u", output="y")
-    assert read_log(write("\n".join([names, *rows])), input="u", output="y", time=names.partition(",")[0]).dt == 0.5
-
-
-def test_a_clock_under_the_letter_t_may_jitter(write: Write) -> None:
-    stamps = np.cumsum(np.random.default_rng(1).uniform(0.4, 0.6, 40))
-    rows = [f"{stamp:.4f},{k % 2},{k % 3}" for k, stamp in enumerate(stamps)]
-    assert read_log(write("\n".join(["T,u,y", *rows])), input="u", output="y").dt == pytest.approx(0.5, rel=0.1)
-
-
 def test_the_index_of_a_table_is_the_time_beside_a_temperature_with_the_letter_of_time() -> None:
     index = pandas.Index(0.5 * np.arange(40), name="hours")
     table = pandas.DataFrame({"u": np.arange(40) % 2, "T": WARM}, index=index)
     assert read_log(table, input="u", output="T").dt == 0.5
 
 
-def test_a_column_of_text_under_the_letter_t_is_not_the_time(write: Write) -> None:
-    rows = [f"{0.5 * k},{k % 2},{k % 3},warm" for k in range(40)]
-    with pytest.raises(LogError, match="no column is called t, time or timestamp; name the time column"):
-        read_log(write("\n".join(["Zeit,u,y,T", *rows])), input="u", output="y")
+JITTERED = np.cumsum(np.random.default_rng(1).uniform(0.4, 0.6, 40))
+BY_THE_LETTER = {
+    "beside a temperature": ("t,u,y,T", [f"{0.5 * k},{k % 2},{k % 3},{warm}" for k, warm in enumerate(WARM)], 0.5),
+    "with jitter": (
+        "T,u,y",
+        [f"{stamp:.4f},{k % 2},{k % 3}" for k, stamp in enumerate(JITTERED)],
+        pytest.approx(0.5, rel=0.1),
+    ),
+}
 
 
-def test_without_a_name_of_time_the_error_lists_the_columns_and_names_the_one_that_rises(write: Write) -> None:
-    rows = [f"{0.5 * k},{k % 2},{k % 3}" for k in range(40)]
-    path = write("\n".join(["Zeit [s],u,y", *rows]))
-    remedy = r"name the time column \(time=...\), perhaps 'Zeit \[s\]', or give .* there are: Zeit \[s\], u, y$"
-    with pytest.raises(LogError, match=remedy):
-        read_log(path, input="u", output="y")
-    assert read_log(path, input="u", output="y", time="Zeit [s]").dt == 0.5
-    path.write_text("\n".join(["u,y", *(row.partition(",")[2] for row in rows)]))
-    with pytest.raises(LogError, match=r"\(time=...\) or give the sampling time \(dt=...\); there are: u, y$"):
-        read_log(path, input="u", output="y")
+@every(("names", "rows", "dt"), BY_THE_LETTER.values(), ids=BY_THE_LETTER)
+def test_a_clock_under_the_letter_t_is_the_time(write: Write, names: str, rows: list[str], dt: Any) -> None:
+    assert read_log(write("\n".join([names, *rows])), input="u", output="y").dt == dt
+
+
+RISING = {"in a line": lambda k: 20.0 + 0.1 * k, "to a limit": lambda k: 20.0 + 60.0 * (1.0 - np.exp(-k / 8.0))}
+NO_NAME = "no column is called t, time or timestamp; name the time column"
+NOT_TOLD = {
+    "it has another role": (
+        log_text(["0", "0.1", "0.2"]),
+        "t",
+        "no other column is called t, time or timestamp; name the time column",
+        {},
+    ),
+    "two have its name": (
+        "t,timestamp,u,y\n0,5,1,2\n1,6,2,3\n",
+        "u",
+        "several columns could be the time: 't', 'timestamp'; name the time column",
+        {"timestamp": 1.0},
+    ),
+    "a temperature": (
+        "\n".join(["Zeit,u,y,T", *(f"{0.5 * k},{k % 2},{k % 3},{warm}" for k, warm in enumerate(WARM))]),
+        "u",
+        NO_NAME,
+        {},
+    ),
+    **{
+        f"a temperature that rises {how}, beside {name}": (
+            "\n".join([f"{name},u,y,T", *(f"{0.5 * k},{k % 2},{k % 3},{rise(k):.3f}" for k in range(40))]),
+            "u",
+            "name the time column",
+            {name: 0.5},
+        )
+        for name in ("Zeit", "row")
+        for how, rise in RISING.items()
+    },
+    "text": ("\n".join(["Zeit,u,y,T", *(f"{0.5 * k},{k % 2},{k % 3},warm" for k in range(40))]), "u", NO_NAME, {}),
+    "a column that rises is suggested": (
+        "\n".join(["Zeit [s],u,y", *(f"{0.5 * k},{k % 2},{k % 3}" for k in range(40))]),
+        "u",
+        r"name the time column \(time=...\), perhaps 'Zeit \[s\]', or give .* there are: Zeit \[s\], u, y$",
+        {"Zeit [s]": 0.5},
+    ),
+    "none rises": (
+        "\n".join(["u,y", *(f"{k % 2},{k % 3}" for k in range(40))]),
+        "u",
+        r"\(time=...\) or give the sampling time \(dt=...\); there are: u, y$",
+        {},
+    ),
+}
+
+
+@every(("text", "chosen", "message", "remedies"), NOT_TOLD.values(), ids=NOT_TOLD)
+def test_a_time_that_no_name_tells_is_asked_for(
+    write: Write, text: str, chosen: str, message: str, remedies: dict[str, float]
+) -> None:
+    path = write(text)
+    with pytest.raises(LogError, match=message):
+        read_log(path, input=chosen, output="y")
+    for name, dt in remedies.items():
+        assert read_log(path, input=chosen, output="y", time=name).dt == dt

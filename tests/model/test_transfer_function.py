@@ -104,23 +104,16 @@ def test_modes_read_as_an_engineer_reads_them() -> None:
 
 
 @every_plant
-def test_a_held_input_equals_scipys_zero_order_hold(plant: rp.TransferFunction) -> None:
+def test_held_and_straight_inputs_equal_scipys_zero_order_hold_and_lsim(plant: rp.TransferFunction) -> None:
     u = np.random.default_rng(0).standard_normal(200)
-    if plant.den.size == 1:
-        expected = plant.num[0] * u
-    else:
-        _, expected, _ = signal.dlsim(signal.cont2discrete((*signal.tf2ss(plant.num, plant.den),), DT, "zoh"), u)
-        expected = expected[:, 0]
-    assert_close(plant.simulate(u, DT), expected)
-
-
-@every_plant
-def test_a_straight_input_equals_scipys_lsim(plant: rp.TransferFunction) -> None:
-    u = np.random.default_rng(0).standard_normal(200)
-    expected = plant.num[0] * u
+    held = straight = plant.num[0] * u
     if plant.den.size > 1:
-        _, expected, _ = signal.lsim(signal.StateSpace(*signal.tf2ss(plant.num, plant.den)), u, DT * np.arange(200))
-    assert_close(plant.simulate(u, DT, input_hold="foh"), expected)
+        matrices = signal.tf2ss(plant.num, plant.den)
+        _, held, _ = signal.dlsim(signal.cont2discrete((*matrices,), DT, "zoh"), u)
+        held = held[:, 0]
+        _, straight, _ = signal.lsim(signal.StateSpace(*matrices), u, DT * np.arange(200))
+    assert_close(plant.simulate(u, DT), held)
+    assert_close(plant.simulate(u, DT, input_hold="foh"), straight)
 
 
 def assert_close(computed: np.ndarray, expected: np.ndarray, tolerance: float = 1e-9) -> None:
@@ -253,15 +246,12 @@ def test_how_it_prints(num: list[float], den: list[float], delay: float, text: s
     assert str(rp.TransferFunction(num, den, delay)) == text
 
 
-def test_the_denominator_is_made_monic() -> None:
+def test_the_denominator_is_made_monic_and_leading_zeros_are_dropped() -> None:
+    """One system, one way to write it: else SciPy would warn, and equals would differ."""
     plant = rp.TransferFunction([2.0, 4.0], [2.0, 6.0, 8.0])
     np.testing.assert_array_equal(plant.num, [1.0, 2.0])
     np.testing.assert_array_equal(plant.den, [1.0, 3.0, 4.0])
     assert plant == rp.TransferFunction([1.0, 2.0], [1.0, 3.0, 4.0])
-
-
-def test_leading_zeros_are_dropped() -> None:
-    """One system, one way to write it: else SciPy would warn, and equals would differ."""
     assert rp.TransferFunction([0, 0, 0, 2], [0, 1, 3, 4]) == rp.TransferFunction([2], [1, 3, 4])
     zero = rp.TransferFunction([0.0, 0.0], [1.0, 3.0])
     np.testing.assert_array_equal(zero.num, [0.0])
@@ -329,41 +319,36 @@ def test_a_bad_transfer_function_is_refused_by_name(arguments: tuple[Any, ...], 
     assert "\n" not in str(caught.value)
 
 
-@every(
-    ("arguments", "options", "named"),
-    [
-        (("a", 0.1), {}, "u"),
-        ((None, 0.1), {}, "u"),
-        (([1j], 0.1), {}, "u"),
-        ((1.0, 0.1), {}, "u"),
-        (([[1.0]], 0.1), {}, "u"),
-        (([1.0], 0.0), {}, "dt"),
-        (([1.0], -1.0), {}, "dt"),
-        (([1.0], math.nan), {}, "dt"),
-        (([1.0], math.inf), {}, "dt"),
-        (([1.0], "a"), {}, "dt"),
-        (([1.0], 0.1), {"input_hold": "zero"}, "input_hold"),
-        (([1.0], 0.1), {"input_hold": None}, "input_hold"),
-    ],
-    ids=repr,
-)
-def test_a_bad_simulation_is_refused_by_name(arguments: tuple[Any, ...], options: dict[str, Any], named: str) -> None:
-    with pytest.raises((rp.InvalidArgumentError, rp.ArgumentTypeError), match=f"^{named} must") as caught:
-        G1.simulate(*arguments, **options)
-    assert "\n" not in str(caught.value)
+WRONG = (rp.InvalidArgumentError, rp.ArgumentTypeError)
 
 
 @every(
-    ("call", "value", "error", "named"),
+    ("call", "arguments", "options", "error", "words"),
     [
         *(
-            (lambda samples: G1.free_responses(samples, DT), samples,
-             (rp.InvalidArgumentError, rp.ArgumentTypeError), "samples")
-            for samples in (-1, 1.0, None)
+            (G1.simulate, arguments, options, WRONG, f"^{named} must")
+            for arguments, options, named in (
+                (("a", 0.1), {}, "u"),
+                ((None, 0.1), {}, "u"),
+                (([1j], 0.1), {}, "u"),
+                ((1.0, 0.1), {}, "u"),
+                (([[1.0]], 0.1), {}, "u"),
+                (([1.0], 0.0), {}, "dt"),
+                (([1.0], -1.0), {}, "dt"),
+                (([1.0], math.nan), {}, "dt"),
+                (([1.0], math.inf), {}, "dt"),
+                (([1.0], "a"), {}, "dt"),
+                (([1.0], 0.1), {"input_hold": "zero"}, "input_hold"),
+                (([1.0], 0.1), {"input_hold": None}, "input_hold"),
+            )
         ),
-        *((G1.response, frequency, rp.ArgumentTypeError, "frequency") for frequency in ("ab", None, [1j])),
+        *((G1.free_responses, (samples, DT), {}, WRONG, "samples") for samples in (-1, 1.0, None)),
+        *((G1.response, (frequency,), {}, rp.ArgumentTypeError, "frequency") for frequency in ("ab", None, [1j])),
     ],
-)  # fmt: skip
-def test_what_a_response_is_asked_for_is_checked(call: Any, value: Any, error: Any, named: str) -> None:
-    with pytest.raises(error, match=named):
-        call(value)
+)
+def test_what_a_simulation_or_a_response_is_asked_for_is_checked(
+    call: Any, arguments: tuple[Any, ...], options: dict[str, Any], error: Any, words: str
+) -> None:
+    with pytest.raises(error, match=words) as caught:
+        call(*arguments, **options)
+    assert "\n" not in str(caught.value)

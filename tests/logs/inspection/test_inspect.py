@@ -89,11 +89,20 @@ def test_names_decide_where_they_tell(tmp_path: Path) -> None:
     assert "follows" not in found.roles.input.why
 
 
-def test_a_name_does_not_outweigh_what_the_samples_show(tmp_path: Path) -> None:
-    """The speed of a pump is its input: it moves in steps, and the flow follows it."""
-    record = open_loop(noise=0.05)
-    found = inspect(save(tmp_path / "pump.csv", {"t": record["t"], "speed": record["u"], "flow": record["y"]}))
-    assert (found.roles.input.column.name, found.roles.output.column.name) == ("speed", "flow")
+@every(
+    ("noise", "names"),
+    [
+        (0.05, ("t", "speed", "flow")),  # of a pump, whose speed moves in steps, and the flow follows it
+        (0.1, ("t", "u", "T")),  # a temperature, which leaves no doubt about the time
+    ],
+)
+def test_a_name_does_not_outweigh_what_the_samples_show(
+    tmp_path: Path, noise: float, names: tuple[str, str, str]
+) -> None:
+    signals = dict(zip(names, open_loop(noise=noise).values(), strict=True))
+    found = inspect(save(tmp_path / "log.csv", signals))
+    assert (found.roles.input.column.name, found.roles.output.column.name) == names[1:]
+    assert options_of(found) == ("-i", names[1], "-o", names[2], "-p", "2")
 
 
 def test_a_column_that_is_given_is_taken(tmp_path: Path) -> None:
@@ -504,8 +513,3 @@ def test_a_temperature_under_the_letter_t_is_the_output_of_a_log(tmp_path: Path,
     assert found.roles.output is not None
     assert found.roles.output.column.name == "T"
     assert (found.clock is None) == ("Zeit" not in names)
-
-
-def test_a_temperature_under_the_letter_t_leaves_no_doubt_about_the_time(tmp_path: Path) -> None:
-    signals = dict(zip(("t", "u", "T"), open_loop(noise=0.1).values(), strict=True))
-    assert options_of(inspect(save(tmp_path / "log.csv", signals))) == ("-i", "u", "-o", "T", "-p", "2")
