@@ -175,20 +175,30 @@ def test_what_is_said_of_a_table_is_said_of_the_line_that_gave_it() -> None:
         assert [each.filename for each in caught] == [__file__]
 
 
-@every("cell", ["?", 1j, 10**400, datetime.time(8), pd.Timestamp("2026-01-01"), (1.0, 2.0)])
-def test_a_cell_that_is_no_number_is_named_with_its_row(cell: Any) -> None:
-    column = TABLE["u"].astype(object)
-    column.iloc[7] = cell
-    with pytest.raises(rp.ArgumentTypeError, match=r"the table: row 8, column 'v': .* is neither a number nor a date"):
-        rp.fit(TABLE.assign(v=column), input="v", output="y", poles=1)
+NUMBERS, TIMES = TABLE["u"].astype(object), pd.Series(STAMPS.to_pydatetime(), dtype=object)
 
 
-@every("stamp", ["2026-01-01 00:00:01", None, pd.NaT, 3.0])
-def test_a_stamp_that_is_no_time_is_named_with_its_row(stamp: Any) -> None:
-    times = pd.Series(STAMPS.to_pydatetime(), dtype=object)
-    times.iloc[9] = stamp
-    with pytest.raises(rp.ArgumentTypeError, match=r"the table: row 10, column 't': .* is neither a number nor a date"):
-        rp.read_log(TABLE.assign(t=times), input="u", output="y", time="t")
+@every(
+    ("column", "cells", "row", "cell", "read"),
+    [
+        *(
+            ("v", NUMBERS, 7, cell, lambda table: rp.fit(table, input="v", output="y", poles=1))
+            for cell in ("?", 1j, 10**400, datetime.time(8), pd.Timestamp("2026-01-01"), (1.0, 2.0))
+        ),
+        *(
+            ("t", TIMES, 9, stamp, lambda table: rp.read_log(table, input="u", output="y", time="t"))
+            for stamp in ("2026-01-01 00:00:01", None, pd.NaT, 3.0)
+        ),
+    ],
+)
+def test_a_cell_that_is_no_number_and_a_stamp_that_is_no_time_are_named_with_their_row(
+    column: str, cells: pd.Series, row: int, cell: Any, read: Any
+) -> None:
+    cells = cells.copy()
+    cells.iloc[row] = cell
+    words = rf"the table: row {row + 1}, column '{column}': .* is neither a number nor a date"
+    with pytest.raises(rp.ArgumentTypeError, match=words):
+        read(TABLE.assign(**{column: cells}))
 
 
 @every("kind", [object, "Float64", "boolean"])

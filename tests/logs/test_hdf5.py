@@ -63,19 +63,18 @@ def test_data_sets_are_columns_by_their_path(tmp_path: Path, suffix: str) -> Non
         ("units", "1", "rig/time", 0.1),
         ("units", 7, "rig/time", 0.1),
         ("units", "(see the note)", "rig/time", 0.1),
+        (None, None, "rig/time", 0.1),
     ],
 )
-def test_an_attribute_states_the_unit(tmp_path: Path, name: str, unit: Any, column: str, dt: float) -> None:
+def test_the_time_is_found_by_the_end_of_its_path_and_its_unit_by_an_attribute(
+    tmp_path: Path, name: str | None, unit: Any, column: str, dt: float
+) -> None:
     path = save(tmp_path / "log.h5", rig__time=T, rig__u=T, rig__y=T)
     with h5py.File(path, "a") as file:
-        file["rig/time"].attrs[name] = unit
+        if name is not None:
+            file["rig/time"].attrs[name] = unit
     assert read_columns(path).names == (column, "rig/u", "rig/y")
     assert read_log(path, input="rig/u", output="rig/y").dt == pytest.approx(dt, rel=1e-12)
-
-
-def test_the_time_is_found_by_the_end_of_its_path(tmp_path: Path) -> None:
-    path = save(tmp_path / "log.h5", rig__time=T, rig__u=T, rig__y=T)
-    assert read_log(path, input="rig/u", output="rig/y").dt == 0.1
 
 
 def test_a_compound_data_set_is_a_table(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from replant.errors import LogError
 from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder
 from replant.logs import arrow, read_columns, read_log
 from replant.online.runs.full_trace import FullTrace
+from support.cases import every
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -64,19 +65,30 @@ def test_time_stamps_come_in_seconds(save: Callable[[Any], Path]) -> None:
     np.testing.assert_allclose(log.time, np.arange(5) * 1e-3, rtol=1e-15)
 
 
-def test_a_missing_time_stamp_is_refused(save: Callable[[Any], Path]) -> None:
+REFUSED: dict[str, tuple[Callable[[Any], dict[str, Any]], str]] = {
+    "a missing time stamp": (
+        lambda pa: {"t": pa.array([0, None, 2], pa.timestamp("s")), "u": np.ones(3), "y": np.ones(3)},
+        "row 2, column 't': the time stamp is nan",
+    ),
+    "text that is asked for": (
+        lambda _: {"t": [0.0, 1.0], "u": ["1", "2"], "y": [1.0, 2.0]},
+        r"log\.parquet: column 'u' holds string, not numbers",
+    ),
+    "no rows": (
+        lambda pa: {"t": pa.array([], pa.float64()), "u": pa.array([], pa.int8()), "y": pa.array([], pa.int8())},
+        "0 rows of data, at least 2 are needed",
+    ),
+}
+
+
+@every(("columns", "message"), REFUSED.values(), ids=REFUSED)
+def test_columns_that_make_no_log_are_refused(
+    save: Callable[[Any], Path], columns: Callable[[Any], dict[str, Any]], message: str
+) -> None:
     import pyarrow as pa
 
-    stamps = pa.array([0, None, 2], pa.timestamp("s"))
-    with pytest.raises(LogError, match="row 2, column 't': the time stamp is nan"):
-        read_log(save(pa.table({"t": stamps, "u": np.ones(3), "y": np.ones(3)})), input="u", output="y")
-
-
-def test_text_is_refused_only_where_it_is_asked_for(save: Callable[[Any], Path]) -> None:
-    import pyarrow as pa
-
-    path = save(pa.table({"t": [0.0, 1.0], "u": ["1", "2"], "y": [1.0, 2.0]}))
-    with pytest.raises(LogError, match=r"log\.parquet: column 'u' holds string, not numbers"):
+    path = save(pa.table(columns(pa)))
+    with pytest.raises(LogError, match=message):
         read_log(path, input="u", output="y")
 
 
@@ -88,14 +100,6 @@ def test_twin_names_are_told_apart_by_number(save: Callable[[Any], Path]) -> Non
     assert [column.tolist() for column in table.columns([2, 0])] == [[5.0, 6.0], [1.0, 2.0]]
     with pytest.raises(LogError, match=r"column 'u' could be any of 0 \('u'\), 2 \('u'\); choose it by its number"):
         table.column("u")
-
-
-def test_a_file_without_rows_is_refused(save: Callable[[Any], Path]) -> None:
-    import pyarrow as pa
-
-    path = save(pa.table({"t": pa.array([], pa.float64()), "u": pa.array([], pa.int8()), "y": pa.array([], pa.int8())}))
-    with pytest.raises(LogError, match="0 rows of data, at least 2 are needed"):
-        read_log(path, input="u", output="y")
 
 
 def test_a_file_of_another_format_is_refused(write: Callable[..., Path]) -> None:
