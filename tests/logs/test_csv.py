@@ -399,17 +399,22 @@ def test_a_header_with_more_names_than_columns_is_left_out_and_said(tmp_path: Pa
             table.column(key)
 
 
-@pytest.mark.parametrize("above", ["t,u\n", "0,1\n", "t u y\n", "t;u;y\n", "Motor test\n0,1\n"])
-def test_a_short_line_above_numbers_is_no_title(tmp_path: Path, above: str) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text(above + "0,1,2\n1,3,4\n2,5,6\n")
-    with pytest.raises(LogError, match="line 2"):
-        read_columns(path).column(0)
+OF_ANOTHER_LENGTH = {
+    **{
+        f"above numbers, {above!r}": (above + "0,1,2\n1,3,4\n2,5,6\n", [0], "line 2")  # it is no title
+        for above in ("t,u\n", "0,1\n", "t u y\n", "t;u;y\n", "Motor test\n0,1\n")
+    },
+    # a pattern that tries each way to divide blanks would take hours
+    "a million empty cells": (
+        "t\tu\n0\t1\n1\t2\n" + 1_000_000 * "\t" + "5\n",
+        [0, 1],
+        r"log\.csv: line 4 has .* where line 1 has 2",
+    ),
+}
 
 
-def test_a_line_of_any_number_of_empty_cells_is_read_in_one_pass(tmp_path: Path) -> None:
-    """A pattern that tries each way to divide blanks would take hours."""
-    path = tmp_path / "log.txt"
-    path.write_text("t\tu\n0\t1\n1\t2\n" + 1_000_000 * "\t" + "5\n")
-    with pytest.raises(LogError, match=r"log\.txt: line 4 has .* where line 1 has 2"):
-        read_columns(path).columns([0, 1])
+@every(("text", "columns", "message"), OF_ANOTHER_LENGTH.values(), ids=OF_ANOTHER_LENGTH)
+def test_a_line_of_another_length_is_refused(write: Write, text: str, columns: list[int], message: str) -> None:
+    path = write(text)
+    with pytest.raises(LogError, match=message):
+        read_columns(path).columns(columns)
