@@ -317,9 +317,12 @@ def test_reasons_fit_the_terminal_and_keep_figures_with_their_units(
     for columns in (40, 80, 200):
         monkeypatch.setenv("COLUMNS", str(columns))
         _, out, _ = call(capsys, "run", log, *COLUMNS)
-        reasons = out[out.index("Verdict") : out.index("Settings chosen from")].rstrip().splitlines()[1:]
-        assert " ".join(line.strip() for line in reasons) == " ".join(json.loads(as_json)["verdict"]["reasons"])
-        for line in reasons:
+        told = out[out.index("Verdict") : out.index("Settings chosen from")].rstrip().splitlines()
+        answer = json.loads(as_json)["verdict"]
+        verdict, _, reasons = " ".join(line.strip() for line in told).partition(f" {answer['reasons'][0]}")
+        assert verdict.startswith(f"Verdict  {answer['status']}: ")  # with what to do, also broken into lines
+        assert answer["reasons"][0] + reasons == " ".join(answer["reasons"])
+        for line in told:
             assert len(line) <= columns
             assert line == line.rstrip()
             assert not line.strip().startswith("%")
