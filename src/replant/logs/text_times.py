@@ -36,7 +36,7 @@ _STATED = re.compile(r"(?<![:\w])(?:(?P<minutes>mm?:ss?)|hh?:mm?)(?![:\w])", re.
 # a fraction behind two numbers is one of seconds
 _STOPWATCH = re.compile(r"(?P<minute>\d{1,4}):(?P<second>[0-5]\d)[.,](?P<fraction>\d{1,9})")
 # a clock time without colons behind a date, also one of eight digits, which need nothing between
-_RUN_TOGETHER = re.compile(r"(?P<day>.*\d(?=[T_ ])|(?:19|20)\d{6})[T_ ]?(?P<h>\d\d)(?P<m>\d\d)(?P<s>\d\d)(?!\d)")
+_RUN_TOGETHER = re.compile(r"^(?P<day>.*\d(?=[T_ ])|(?:19|20)\d{6})[T_ ]?(?P<h>\d\d)(?P<m>\d\d)(?P<s>\d\d)(?!\d)")
 _DOUBT = "stamps such as {} are taken as hours and minutes, and may be minutes and seconds"
 _CELL = re.compile(
     r"(?P<head>[^:]*:\d{2}|[^:]*)(?::(?P<second>\d{2})(?:(?:[.,]|:(?=\d{3}(?!\d)))(?P<fraction>\d{1,9}))?)?"
