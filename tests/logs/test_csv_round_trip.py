@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from replant.logs import read_columns
@@ -54,6 +54,7 @@ def texts(draw: st.DrawFn) -> Text:
 
 @settings(max_examples=examples(200), deadline=None)
 @given(texts())
+@example(Text(None, [[0.0, 1.5, 2.0], [3.0, 4.5, 5.5]], " ", ",", "\n", [], trailing=False))
 def test_round_trip_to_the_bit(text: Text) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "log.csv")

@@ -262,6 +262,12 @@ def _encoding(path: Path) -> str:
     return "utf-8-sig"
 
 
+def _is_number_or_with_unit(cell: str, delimiter: str | None) -> bool:
+    number, _, unit = cell.partition(" ")
+    # 0,5 1,5 delimited by commas has two numbers in a cell
+    return is_number(number, delimiter) and not (unit and is_number(unit, delimiter))
+
+
 def _score(lines: Sequence[str], delimiter: str | None) -> float:
     """Score a delimiter: the share of rows with the most common width times the share of numbers among the cells."""
     rows = [cells for line in lines if (cells := split_or_none(line, delimiter)) is not None]
@@ -270,7 +276,7 @@ def _score(lines: Sequence[str], delimiter: str | None) -> float:
     if width < 2:
         return 0.0
     cells = [cell for row in rows[1:] or rows for cell in row]
-    numbers = sum(is_number(cell.partition(" ")[0], delimiter) for cell in cells)  # a unit may follow the number
+    numbers = sum(_is_number_or_with_unit(cell, delimiter) for cell in cells)
     return count / len(lines) * (numbers + 1e-3) / (len(cells) + 1e-3)  # equal widths alone: a small score
 
 
