@@ -243,11 +243,23 @@ def _decoded(layout: Layout, text: bytes) -> str:
     return decoded.replace("\r\n", "\n").replace("\r", "\n") if "\r" in decoded else decoded
 
 
+def _may_separate(layout: Layout) -> bool:
+    """Return whether a log has a number such as 1.700 and a whole number of at most three digits."""
+    three_behind = re.compile(rb"\d[.,]\d{3}(?!\d)")
+    if not any(three_behind.search(text) for _, text in _texts(layout)):
+        return False
+    # what stands before a cell is searched for at the speed of memory
+    before = [each.encode() for each in ([layout.delimiter] if layout.delimiter else [" ", "\t"])] + [b"\n", b"\r"]
+    short = [re.compile(re.escape(each) + rb" *[+-]?\d{1,3}(?=[;\t| \r\n]|$)") for each in before]
+    return any(each.search(text) for _, text in _texts(layout) for each in short)
+
+
 def _rows_with_marks(layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of a log that has a comma or a point: in another one no decimal mark can be ambiguous."""
-    if not any(b"," in text or b"." in text for _, text in _texts(layout)):
-        return
+    """Yield the rows of blocks with a comma, and all rows of a log in which a mark may separate thousands."""
+    may_separate = _may_separate(layout)
     for first, text in _texts(layout):
+        if not may_separate and b"," not in text:
+            continue
         for number, line in enumerate(_decoded(layout, text).split("\n"), first):
             if number >= layout.data_line and is_data(line) and '"' not in line:
                 yield number, line.split(layout.delimiter)
