@@ -79,11 +79,13 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     if old.alarm == Alarm.FLOATS:
         claims, found = _afloat(settings, record, begin, present)
     else:
-        begins = sorted({min(present.onset(record, earliest), begins[-1]), *begins})
+        # a begin before an output that is left out is as likely as one behind it, but false once that output counts
+        onset, alarm, latest = (_first_known(record, at) for at in (present.onset(record, earliest), *begins))
+        begins = sorted({min(onset, latest), alarm, latest})
         contests = {at: Contest(settings.structure, record, at, present) for at in begins}
         claims = [claim for contest in contests.values() for claim in contest.claims()]
         if claims and remembers_since_change(old, settings):
-            claims += _one_model(old, settings, contests[max(begin, 1)], claims)
+            claims += _one_model(old, settings, contests[alarm], claims)
         found = decided(claims)
     if found is None:
         return old, later
@@ -102,6 +104,11 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         return old, later
     new = believed(old, settings, found, undecided=not is_sure(claims, found))
     return (old, later) if new is None else (new, 0)
+
+
+def _first_known(record: Record, begin: int) -> int:
+    """Return the first sample from ``begin`` on whose output is measured."""
+    return begin + int(record.is_measured[begin:].argmax())
 
 
 def _anew(old: State, settings: Settings, first: int) -> State | None:
