@@ -172,7 +172,7 @@ def test_nanoseconds_stay_exact() -> None:
 def test_stamps_are_read_in_a_file_without_names(write: Write) -> None:
     path = write("2024-05-01T10:00:00,1,2\n2024-05-01T10:00:02,1,2\n")
     assert read_log(path, input=1, output=2).dt == 2.0
-    assert stamped_interval(path) == ("0", 2.0)
+    assert stamped_interval(read_columns(path)) == ("0", 2.0)
 
 
 def test_a_missing_stamp_is_nan(write: Write) -> None:

@@ -41,8 +41,8 @@ from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.settings import AUTO, Request, filter_for
 from replant.fitting.log_inspection import with_others
 from replant.logs import Log, Recording, open_recording
+from replant.logs.columns import contradicted
 from replant.logs.log import check_one_reference
-from replant.logs.time_advice import contradicted
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.report.python_programs import opening

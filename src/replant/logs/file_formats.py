@@ -20,7 +20,6 @@ from typing import BinaryIO
 from replant.errors import LogError, MissingDependencyError
 from replant.logs import arrow, channels, parser_process
 from replant.logs.parser_process import FORMATS
-from replant.logs.split_times import with_split_times
 from replant.logs.table import (
     Arrays,
     Table,
@@ -32,6 +31,7 @@ from replant.logs.table import (
     open_zip,
     unreadable_error,
 )
+from replant.logs.text_times import with_split_times
 
 STANDARD_INPUT = Path("-")  # the path that means standard input
 _KINDS = {".gz": "gzip file", ".zip": "zip archive", ".zst": "Zstandard file"}

@@ -7,8 +7,8 @@ from typing import Any
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
 from replant.logs.sampling_time import named_time_columns, time_candidates
-from replant.logs.split_times import with_split_times
 from replant.logs.table import Table, listed, nth_row
+from replant.logs.text_times import with_split_times
 from replant.numerics.arguments import FloatArray
 from replant.numerics.time_stamps import array_of, is_dated, seconds_of
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, ReplantError, shown
+from replant.logs.columns import GIVE_TIME, contradicted, time_advice
 from replant.logs.file_formats import read_columns
 from replant.logs.frame import Frame
 from replant.logs.log import Log
@@ -29,7 +30,6 @@ from replant.logs.sampling_time import (
     time_columns,
 )
 from replant.logs.table import Arrays, Table, in_parts, listed, repeated_rows
-from replant.logs.time_advice import GIVE_TIME, contradicted, time_advice
 from replant.numerics.arguments import FloatArray, is_frame, iterable
 from replant.numerics.limits import file_path
 
