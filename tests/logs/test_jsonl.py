@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from replant.errors import LogError
-from replant.logs import jsonl, read_columns, read_log
+from replant.logs import read_columns, read_log, typed_cells
 from support.cases import every
 
 Write = Callable[..., Path]
@@ -24,7 +24,7 @@ def lines(*rows: object) -> str:
 @every("name", ["log.jsonl", "log.NDJSON"])
 @every("rows", [1, 3, 1 << 14])
 def test_objects_are_rows(write: Write, monkeypatch: pytest.MonkeyPatch, name: str, rows: int) -> None:
-    monkeypatch.setattr(jsonl, "BLOCK_ROWS", rows)
+    monkeypatch.setattr(typed_cells, "BLOCK_ROWS", rows)
     u = np.random.default_rng(0).standard_normal(20)
     text = lines(*({"t": k / 10, "rig": {"u": u[k]}, "y": k, "state": "RUN", "list": [1]} for k in range(20)))
     path = write(text, name)
@@ -106,6 +106,6 @@ def test_a_bad_file_is_refused_in_one_line(write: Write, text: str, message: str
 
 
 def test_objects_are_looked_into_as_deep_as_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jsonl, "DEEPEST", 2)
+    monkeypatch.setattr(typed_cells, "DEEPEST", 2)
     row = {"a": {"b": {"x": 1, "c": {"d": 2}}, "y": 3}}
-    assert dict(jsonl._items_of(row)) == {("a", "b", "x"): 1, ("a", "y"): 3}
+    assert dict(typed_cells._items_of(row)) == {("a", "b", "x"): 1, ("a", "y"): 3}

@@ -16,7 +16,7 @@ from replant.fitting.model import Model
 from replant.fitting.model_file import AnyPath
 from replant.fitting.samples import Samples
 from replant.fitting.validation import Validation
-from replant.logs.frame import labels_of
+from replant.logs.arrays import labels_of
 from replant.logs.log import Log, check_one_reference
 from replant.model import interop
 from replant.model.interop import without_unit

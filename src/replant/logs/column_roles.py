@@ -19,8 +19,7 @@ from itertools import product
 
 import numpy as np
 
-from replant.logs.columns import Column, describe
-from replant.logs.computed_input import is_computed
+from replant.logs.columns import Column, describe, is_computed
 from replant.numerics.arguments import FloatArray
 
 MOST_SAMPLES = 1 << 16  # samples used for the measures [samples]

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.logs.npz import BLOCK_ROWS, Signal, is_sampling_time, signals_in, table_of_arrays
+from replant.logs.arrays import BLOCK_ROWS, Signal, is_sampling_time, signals_in, table_of_arrays
 from replant.logs.parser_process import allow
 from replant.logs.sampling_time import unit_of_stamps
 from replant.logs.table import MOST_COLUMNS, Table, at_most, damage_as_log_error, needed, too_many_error

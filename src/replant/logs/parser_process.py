@@ -73,12 +73,12 @@ PARSERS = {
     "hdf5.read_matlab": Parser(
         ".mat", "a MATLAB file", "SciPy", ("scipy.io",), "save it again in MATLAB with save(..., '-v7')"
     ),
-    "npz.read": Parser(".npz"),
-    "jsonl.read": Parser(".jsonl .ndjson"),
+    "arrays.read_npz": Parser(".npz"),
+    "typed_cells.read_json_lines": Parser(".jsonl .ndjson"),
     "arrow.read_ipc": Parser(
         ".feather .arrow", "an Arrow file", "pyarrow", ("pyarrow.ipc", "pyarrow.compute"), without=("pandas",)
     ),
-    "xlsx.read": Parser(".xlsx .xlsm", "an Excel workbook", "openpyxl", ("openpyxl",)),
+    "typed_cells.read_workbook": Parser(".xlsx .xlsm", "an Excel workbook", "openpyxl", ("openpyxl",)),
     "hdf5.read_hdf5": Parser(".h5 .hdf5", "an HDF5 file", "h5py", ("h5py",)),
     "channels.read_tdms": Parser(".tdms", "a TDMS file", "npTDMS", ("nptdms",)),
     "channels.read_mdf": Parser(".mf4 .mdf", "a measurement data file", "asammdf", ("asammdf",)),

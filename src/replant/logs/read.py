@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, ReplantError, shown
+from replant.logs.arrays import Frame
 from replant.logs.columns import GIVE_TIME, contradicted, time_advice
 from replant.logs.file_formats import read_columns
-from replant.logs.frame import Frame
 from replant.logs.log import Log
 from replant.logs.merged_channels import on_one_clock, written_apart
 from replant.logs.recording import MOST_HELD, Recording, check_range, digest, part_of
