@@ -19,9 +19,8 @@ from replant.errors import (
 )
 from replant.estimation.filters import RefinedFilter as RefinedFilter, StateVariableFilter as StateVariableFilter
 from replant.online.identifier import Identifier as Identifier
-from replant.logs.frequency_band import bandpass as bandpass
-from replant.logs.conditioning import decimate as decimate, detrend as detrend, resample as resample
-from replant.logs.conditioning import from_rest as from_rest, leave_out as leave_out
+from replant.logs.filtering import bandpass as bandpass, decimate as decimate, resample as resample
+from replant.logs.conditioning import detrend as detrend, from_rest as from_rest, leave_out as leave_out
 from replant.logs import Log as Log, read_log as read_log
 from replant.fitting.model import Model as Model
 from replant.fitting.several_outputs import MatrixFit as MatrixFit, MatrixModel as MatrixModel, load_model as load_model

@@ -11,7 +11,8 @@ import pytest
 import replant as rp
 from replant.errors import InvalidArgumentError
 from replant.logs import Log
-from replant.logs.conditioning import HALF_LENGTH, decimate, detrend, from_rest, leave_out, resample
+from replant.logs.conditioning import detrend, from_rest, leave_out
+from replant.logs.filtering import HALF_LENGTH, decimate, resample
 from replant.signals import prbs, white_noise
 from support.cases import every
 

@@ -18,14 +18,13 @@ import numpy as np
 from numpy.lib import format as npy
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
+from replant.logs.file_formats import UnpackedFile, chunks_of
 from replant.logs.parser_process import allow
 from replant.logs.sampling_time import named_time_columns, time_candidates, unit_of_stamps
 from replant.logs.table import (
     Arrays,
     Table,
-    UnpackedFile,
     at_most,
-    chunks_of,
     damage_as_log_error,
     listed,
     nth_row,

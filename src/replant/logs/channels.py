@@ -13,12 +13,13 @@ import json
 import math
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -240,15 +241,6 @@ def parts_of(folder: Path) -> list[Path]:
     return sorted(found, key=lambda part: (len(part.name), part.name))
 
 
-class _Json:
-    """Decoder factory for JSON messages, with the interface of mcap_ros2's."""
-
-    @staticmethod
-    def decoder_for(encoding: str, schema: Any) -> Callable[[bytes], Any] | None:
-        """Return the decoder if the encoding is JSON, else None."""
-        return json.loads if encoding == "json" else None
-
-
 @contextmanager
 def _opened_of_mcap(path: Path) -> Iterator[Any]:
     ros2, mcap = (
@@ -256,7 +248,8 @@ def _opened_of_mcap(path: Path) -> Iterator[Any]:
         for module in ("mcap_ros2.decoder", "mcap.reader")
     )
     with damage_as_log_error(path, "MCAP file", "repair it with: mcap recover"), path.open("rb") as file:
-        yield mcap.make_reader(file, validate_crcs=True, decoder_factories=[_Json(), ros2.DecoderFactory()])
+        as_json = SimpleNamespace(decoder_for=lambda encoding, schema: json.loads if encoding == "json" else None)
+        yield mcap.make_reader(file, validate_crcs=True, decoder_factories=[as_json, ros2.DecoderFactory()])
 
 
 def _signal_of_mcap(parts: Sequence[Path], topic: str, keys: _Keys, origin: int) -> Signal:

@@ -217,7 +217,9 @@ def find_clock(
         duration = table.dt * max(0, contents.usual_length - 1)
         return Clock(None, "", 1.0, "", table.dt, 0.0, 0, table.dt, 0, duration, "")
     free = [column for column in contents.columns if column.number not in others]
-    rising = next((each for each in free if _may_be_clock(each, contents)), None)
+    seeming = (each for each in free if seems_time(each, contents) and not counts_rows(each, contents))
+    # it never goes back, as part of a stamp does
+    rising = next((each for each in seeming if np.diff(contents.values[each.number]).min() >= 0.0), None)
     guess = "no column is called t, time or timestamp, and this one rises in equal steps"
     return None if rising is None else _clock(table, contents, rising, guess)
 
@@ -231,13 +233,6 @@ def seems_time(column: Column, contents: Contents) -> bool:
     if usual > 0.0 and column.low > SINCE_1970 and steps.min() >= 0.0:
         return True
     return usual > 0.0 and float((np.abs(steps - usual) <= STEADY * usual).mean()) >= MOSTLY
-
-
-def _may_be_clock(column: Column, contents: Contents) -> bool:
-    """Return whether a column without a name of time seems to be one: it never goes back, as part of a stamp does."""
-    if not seems_time(column, contents) or counts_rows(column, contents):
-        return False
-    return bool(np.diff(contents.values[column.number]).min() >= 0.0)
 
 
 def counts_rows(column: Column, contents: Contents) -> bool:

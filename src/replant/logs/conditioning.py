@@ -1,4 +1,4 @@
-"""Conditioning of a log before identification: detrending, decimation, resampling, and a start from rest.
+"""Conditioning of a log before identification: detrending, a start from rest, stretches left out; filters beside it.
 
 Each step is applied only on request.  It returns another `Log` with the same G(s): the same linear operation is applied
 to input, output and reference.
@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
-from replant.logs.frequency_band import bandpass
+from replant.logs.filtering import bandpass, clock_of, decimate, resample
 from replant.logs.log import Log, changed
 from replant.logs.recording import ROUND_OFF
 from replant.model.preprocess import accepted
-from replant.numerics.arguments import BoolArray, FloatArray, instance, number, whole
-from replant.numerics.limits import duration, increasing
+from replant.numerics.arguments import BoolArray, FloatArray, instance, number
 
 BEFORE = 1.0  # rest put before a log: a plant that settles more slowly is too slow for the log [duration of the log]
 
@@ -127,7 +126,7 @@ def leave_out(log: Log, stretches: Sequence[Stretch] = (), *, use: Sequence[Stre
     array([0. , 0.1, nan, 0.3])
     """
     log = instance("log", log, Log)
-    clock = _clock(log)
+    clock = clock_of(log)
     clock = clock - clock[min(log.rest, clock.size - 1) :][:1] + (log.begin or 0.0)
     used = np.ones(clock.size, bool) if _items(use) == () else _within(clock, log.dt, use)
     left = used & ~_within(clock, log.dt, stretches)
@@ -169,16 +168,6 @@ def _within(clock: FloatArray, dt: float, stretches: Sequence[Stretch]) -> BoolA
     return found
 
 
-HALF_LENGTH = 10  # half the length of the filter; its transition band is 0.13 new rates wide [new sampling times]
-ATTENUATION = 60.0  # attenuation of frequencies that would be aliased [dB]
-CUTOFF = 0.8  # frequency at which the filter's gain is a half [new Nyquist frequency]
-LONGEST_GAP = 3.0  # distance of two stamps that is a gap, in which samples are lost [usual intervals]
-FINEST = 0.5  # shortest new sampling time: twice as many samples as were measured [usual intervals]
-MOST_ROWS = 100.0  # most new samples: of more, nearly all would lie in gaps [samples of the log]
-SAME = 1e-9  # part of an interval that is a rounding error [intervals]
-COARSEST = 2.0  # longest new sampling time without an anti-aliasing filter [usual intervals]
-
-
 def detrend(log: Log) -> Log:
     """Subtract the best-fitting straight line from each signal of a log, and keep its mean.
 
@@ -208,7 +197,7 @@ def detrend(log: Log) -> Log:
     3632 / (s + 2.163)
     """
     log = instance("log", log, Log)
-    since = _clock(log)
+    since = clock_of(log)
 
     def without_line(signal: FloatArray) -> FloatArray:
         signal, known = accepted(signal)
@@ -220,165 +209,6 @@ def detrend(log: Log) -> Log:
         return np.asarray(signal - slope * t)
 
     return changed(log, without_line, without_line(log.output))
-
-
-def decimate(log: Log, factor: int) -> Log:
-    """Lower the rate of a log: filter every signal against aliasing, then keep every ``factor``-th sample.
-
-    The filter is a symmetric FIR filter of 20 new sampling times, 60 dB down at the new Nyquist frequency; its phase is
-    zero.  The filtered input is not held between samples: the log declares it piecewise linear, and a fit uses that.
-    Ten new sampling times at either end, which the filter does not reach, are left out; samples within ten of a missing
-    one are missing.  The filter spreads outliers: mark them as missing before.
-
-    Parameters
-    ----------
-    log : Log
-        With a regular clock.
-    factor : int
-        At least 2.
-
-    Returns
-    -------
-    Log
-        With the sampling time ``factor * log.dt`` and the ``input_hold`` "foh".
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the clock is irregular, or the log is shorter than the filter.
-
-    Examples
-    --------
-    >>> import replant as rp
-    >>> log = rp.decimate(rp.examples.motor(), 2)
-    >>> len(log), log.dt, log.input_hold
-    (2027, 0.04, 'foh')
-    """
-    from scipy import signal as filters  # slow to import
-
-    log = instance("log", log, Log)
-    factor = whole("factor", factor, 2)
-    if log.stamps is not None:
-        raise InvalidArgumentError("the clock is irregular: decimation needs a regular clock; resample the log before")
-    half = HALF_LENGTH * factor
-    if log.input.size <= 2 * half:
-        raise InvalidArgumentError(
-            f"the log has {log.input.size} samples: decimation by {shown(factor)} needs more than {shown(2 * half)}"
-        )
-    weights = filters.firwin(2 * half + 1, CUTOFF / factor, window=("kaiser", filters.kaiser_beta(ATTENUATION)))
-
-    def thinned(signal: FloatArray) -> FloatArray:
-        signal, known = accepted(signal)
-        level = float(signal[known].mean()) if known.any() else 0.0
-        smooth = level + filters.oaconvolve(np.where(known, signal - level, 0.0), weights, mode="valid")
-        if not known.all():
-            unknown = np.concatenate([[0], np.cumsum(~known)])
-            smooth[unknown[2 * half + 1 :] > unknown[: -2 * half - 1]] = np.nan
-        return np.asarray(smooth[::factor])
-
-    def centred(signal: FloatArray) -> FloatArray:
-        """Return a held signal as a piecewise linear one: at each stamp the mean of the two values that meet there."""
-        signal, _ = accepted(signal)
-        before = np.concatenate([signal[:1], signal[:-1]])
-        return np.asarray((before + signal) / 2 if log.input_hold == "zoh" else signal)
-
-    time = None if log.time is None else log.time[half : log.input.size - half : factor]
-    rest = len(range(half, log.rest, factor))
-    # so that stretches of time still count from the first row of the file
-    begin = (log.begin or 0.0) + (half + rest * factor - log.rest) * log.dt
-    return changed(
-        log, lambda signal: thinned(centred(signal)), thinned(log.output),
-        dt=log.dt * factor, time=time, input_hold="foh", rest=rest, withheld=0, begin=begin,
-    )  # fmt: skip
-
-
-def resample(log: Log, dt: float) -> Log:
-    """Put a log onto a regular clock, for the methods that need one.
-
-    The input, which is held between its stamps, becomes its mean over each new interval, which preserves its integral.
-    The output is interpolated linearly between its stamps.  In a gap of more than three usual intervals both are
-    missing.  The methods with instruments handle an irregular clock exactly, without resampling: prefer them.
-
-    Parameters
-    ----------
-    log : Log
-    dt : float
-        New sampling time in s, from half the usual interval to twice the usual interval.  `decimate` lowers the rate
-        further, without aliasing.
-
-    Returns
-    -------
-    Log
-        With a regular clock.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If ``dt`` is too short or too long, or the log has fewer than two samples, or nearly all of it is gaps.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pathlib import Path
-    >>> t = np.array([0.0, 1.0, 2.5, 3.0, 4.0])
-    >>> late = Log(np.array([0.0, 1.0, 2.0, 3.0, 3.0]), 2 * t, 1.0, t, "u", "y", Path("log.csv"))
-    >>> again = resample(late, 1.0)
-    >>> again.input, again.output
-    (array([0. , 1. , 1.5, 3. , 3. ]), array([0., 2., 4., 6., 8.]))
-    """
-    log = instance("log", log, Log)
-    dt = duration("dt", dt)
-    t = _clock(log)
-    if t.size < 2:
-        raise InvalidArgumentError(f"the log has {t.size} samples: resampling needs at least two")
-    usual = float(np.median(np.diff(t)))
-    if dt > COARSEST * usual * (1 + 1e-9):
-        raise InvalidArgumentError(
-            f"the new sampling time of {dt:g} s is more than twice the usual interval of {usual:g} s: samples in "
-            "between would be lost; decimate lowers the rate, with a filter against aliasing"
-        )
-    if dt < FINEST * usual * (1 - 1e-9):
-        raise InvalidArgumentError(
-            f"the new sampling time of {dt:g} s is less than half the usual interval of {usual:g} s: a fit would count "
-            "interpolated outputs as measured ones"
-        )
-    longest = int(np.argmax(np.diff(t)))
-    if t[-1] - t[0] > MOST_ROWS * t.size * dt:
-        raise InvalidArgumentError(
-            f"nearly all of the new samples would be missing: a gap of {t[longest + 1] - t[longest]:g} s follows "
-            f"sample {longest}; leave out the part before or after it"
-        )
-    count = math.floor((t[-1] - t[0]) / dt * (1 + 1e-12)) + 1
-    grid = t[0] + dt * np.arange(count)
-    lost = np.diff(t) > LONGEST_GAP * usual
-    after = np.clip(np.searchsorted(t, grid, "right"), 1, t.size - 1) - 1
-    missing = lost[after] & (grid > t[after]) & (grid < t[after + 1])
-
-    edges = np.append(grid, grid[-1] + dt)
-
-    def integral(signal: FloatArray) -> FloatArray:
-        within = np.concatenate([[0.0], np.cumsum(signal[:-1] * np.diff(t))])
-        return np.asarray(np.interp(edges, t, within) + np.maximum(edges - t[-1], 0.0) * signal[-1])
-
-    def averaged(signal: FloatArray) -> FloatArray:
-        signal, known = accepted(signal)
-        means = np.diff(integral(np.where(known, signal, 0.0))) / dt
-        unknown = np.diff(integral((~known).astype(float))) > SAME * dt
-        return np.asarray(np.where(missing | unknown, np.nan, means))
-
-    def interpolated(signal: FloatArray) -> FloatArray:
-        return np.asarray(np.where(missing, np.nan, np.interp(grid, t, accepted(signal)[0])))
-
-    rest = int(np.searchsorted(grid, t[log.rest])) if log.rest < t.size else grid.size
-    return changed(
-        log, averaged, interpolated(log.output), dt=dt, time=grid, irregular=False, earlier=0, rest=rest, withheld=0
-    )
-
-
-def _clock(log: Log) -> FloatArray:
-    """Return the time of each sample of a log in s; stamps are checked."""
-    samples = log.input.size
-    return np.arange(samples, dtype=np.float64) * log.dt if log.stamps is None else increasing(log.stamps, samples)
 
 
 STEPS: Mapping[str, Callable[[Log, Any], Log]] = {

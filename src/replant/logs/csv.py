@@ -26,6 +26,7 @@ from replant.logs.text_cells import (
     TwoMarksError,
     common_mark,
     is_number,
+    later_mark,
     mark_of,
     parse_numbers,
     quote,
@@ -36,13 +37,15 @@ from replant.logs.text_layout import (
     COMMENT_MARKS,
     LONGEST_LINE,
     QUOTES_REMEDY,
+    TAIL_BYTES,
     Layout,
     is_data,
     joined_cell,
-    later_mark,
+    last_lines,
     lines_of,
     sniff,
     split_or_none,
+    tail_of,
     too_long_error,
 )
 from replant.logs.text_times import READ, is_missing, with_stamps
@@ -89,9 +92,6 @@ def _column(layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: i
         raise LogError(f"{layout.path}: line {line}, column {shown(name)}: {error}{end}") from None
 
 
-_TAIL_BYTES = 1 << 16  # end of a file that is searched for its last line [bytes]
-
-
 def _cut_line(layout: Layout) -> str:
     """Return the last line if it was cut off while it was written, else an empty string."""
     before, line = last_lines(layout.path, layout.encoding)
@@ -109,8 +109,8 @@ def _below_data(layout: Layout) -> range:
         {column, column if form.date_column is None else form.date_column} for column, form in layout.stamps.items()
     ]
     alone = [{column} for column in time_candidates(layout.names) if not any(column in each for each in joined)]
-    lines, clocks = _tail(layout.path, layout.encoding), joined + alone
-    lines = lines[layout.path.stat().st_size > _TAIL_BYTES :]  # the first may be a part
+    lines, clocks = tail_of(layout.path, layout.encoding), joined + alone
+    lines = lines[layout.path.stat().st_size > TAIL_BYTES :]  # the first may be a part
     lines = lines[:-1] if lines and not lines[-1] else lines
     found = 0
     for back, line in enumerate(reversed(lines), 1):
@@ -144,25 +144,6 @@ def _is_readable(layout: Layout, cells: list[str]) -> bool:
     except LogError:
         return False
     return True
-
-
-def last_lines(path: Path, encoding: str) -> tuple[str, str]:
-    """Return the last two lines; the last one is empty if the file ends with a line end or has one line."""
-    lines = _tail(path, encoding)
-    return (lines[-2], lines[-1]) if len(lines) > 1 else ("", "")
-
-
-def _tail(path: Path, encoding: str) -> list[str]:
-    """Return the lines at the end of a file; the first may be a part, the last is empty behind a line end."""
-    with path.open("rb") as file:
-        head = file.read(2)
-        end = file.seek(0, 2)
-        start = max(0, end - _TAIL_BYTES) // 4 * 4  # does not split a character of UTF-16
-        file.seek(start)
-        tail = file.read()
-    if encoding == "utf-16":
-        encoding = "utf-16-le" if head == codecs.BOM_UTF16_LE else "utf-16-be"
-    return tail.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 BLOCK_BYTES = 1 << 21  # text of a log held at a time [bytes]

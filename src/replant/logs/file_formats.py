@@ -7,15 +7,18 @@ from __future__ import annotations
 
 import gzip
 import os
+import shutil
 import stat
 import sys
+import tempfile
+import weakref
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from replant.errors import LogError, MissingDependencyError
 from replant.logs import arrow, channels, parser_process
@@ -23,8 +26,6 @@ from replant.logs.parser_process import FORMATS
 from replant.logs.table import (
     Arrays,
     Table,
-    UnpackedFile,
-    chunks_of,
     damage_as_log_error,
     listed,
     needed,
@@ -39,6 +40,41 @@ SUFFIXES = tuple(_KINDS)
 _ZSTD_BYTES = 1 << 10  # packed bytes read at a time: 4 bytes can unpack to 128 kB, so these give at most 32 MB [bytes]
 LARGEST_WINDOW = 1 << 27  # largest window for unpacking a Zstandard file, the default of zstd [bytes]
 HEAD_BYTES = 1 << 25  # unpacked bytes of text that are checked before the rest is unpacked [bytes]
+
+
+MOST_OF_DISK = 0.8  # largest part of the disk's free space for an unpacked file [part]
+_PART_BYTES = 1 << 20  # bytes unpacked at a time [bytes]
+
+
+def chunks_of(file: Any) -> Iterator[bytes]:
+    """Yield the content of an open file in parts."""
+    return iter(lambda: file.read(_PART_BYTES), b"")
+
+
+class UnpackedFile:
+    """A file in a temporary folder, which is removed with this object; ``check`` is called after each part."""
+
+    def __init__(
+        self,
+        path: Path,
+        name: str,
+        parts: Iterable[bytes],
+        check: Callable[[Path, int], None] = lambda path, size: None,
+    ) -> None:
+        folder = tempfile.mkdtemp(prefix="replant-")
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.path = Path(folder, name)
+        room, size = MOST_OF_DISK * shutil.disk_usage(folder).free, 0
+        with self.path.open("wb") as file:
+            for part in parts:
+                size += file.write(part)
+                if size > room:
+                    raise LogError(
+                        f"{path}: unpacked it is over {size / 1e9:.1f} GB, more than {tempfile.gettempdir()} has room "
+                        "for; unpack it where there is room"
+                    )
+                file.flush()
+                check(self.path, size)
 
 
 def read_packed(path: Path) -> Table:

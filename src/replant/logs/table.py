@@ -8,10 +8,8 @@ import mmap
 import operator
 import os
 import re
-import shutil
 import sys
 import tempfile
-import weakref
 import zipfile
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -92,41 +90,6 @@ def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
         if any(member.compress_type not in _STREAMED for member in members):
             raise LogError(f"{path}: packed by another method than deflate; pack it again with zip")
         yield archive
-
-
-MOST_OF_DISK = 0.8  # largest part of the disk's free space for an unpacked file [part]
-_PART_BYTES = 1 << 20  # bytes unpacked at a time [bytes]
-
-
-def chunks_of(file: Any) -> Iterator[bytes]:
-    """Yield the content of an open file in parts."""
-    return iter(lambda: file.read(_PART_BYTES), b"")
-
-
-class UnpackedFile:
-    """A file in a temporary folder, which is removed with this object; ``check`` is called after each part."""
-
-    def __init__(
-        self,
-        path: Path,
-        name: str,
-        parts: Iterable[bytes],
-        check: Callable[[Path, int], None] = lambda path, size: None,
-    ) -> None:
-        folder = tempfile.mkdtemp(prefix="replant-")
-        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        self.path = Path(folder, name)
-        room, size = MOST_OF_DISK * shutil.disk_usage(folder).free, 0
-        with self.path.open("wb") as file:
-            for part in parts:
-                size += file.write(part)
-                if size > room:
-                    raise LogError(
-                        f"{path}: unpacked it is over {size / 1e9:.1f} GB, more than {tempfile.gettempdir()} has room "
-                        "for; unpack it where there is room"
-                    )
-                file.flush()
-                check(self.path, size)
 
 
 NAMES_SHOWN = 12  # most names in the error of a wrong name, closest first [count]
@@ -231,7 +194,7 @@ class Table:
         """Return the number of a column: by its name, else without its unit, else ignoring case, else by number."""
         if not isinstance(key, str):
             return self._number(key)
-        for form in (str, _bare, _folded, _bare_folded):
+        for form in (str, _bare, _folded, lambda name: _folded(without_unit(name))):
             found = [number for number, name in enumerate(self.names) if form(name) == form(key)]
             if len(found) == 1:
                 return found[0]
@@ -340,10 +303,6 @@ def _folded(name: str) -> str:
 
 def _bare(name: str) -> str:
     return "".join(without_unit(name).split())
-
-
-def _bare_folded(name: str) -> str:
-    return _folded(without_unit(name))
 
 
 def _likeness(key: str, name: str) -> float:

@@ -168,6 +168,37 @@ def common_mark(marks: Iterable[DecimalMark | None]) -> DecimalMark | None:
     return replace(best, grouped=any(mark.grouped and mark.mark == best.mark for mark in found))
 
 
+_GROUP = 3  # digits between two thousands separators [count]
+
+
+def later_mark(
+    mark: DecimalMark | None, rows: Iterable[tuple[int, Sequence[str]]], left_out: Iterable[int]
+) -> tuple[DecimalMark | None, dict[int, DecimalMark]]:
+    """Return the first certain decimal mark in further rows, else the mark of the first rows; and doubtful columns.
+
+    A column is written in thousands, or doubtful, if 1.700 stands beside 100: a program that prints three decimals
+    prints them always, and one that prints no more than needed prints 1.7.  Two marks in a log tell which is which.
+    """
+    best, skipped = mark, set(left_out)
+    found, lengths = dict[tuple[int, str], DecimalMark](), dict[int, int]()
+    for line, cells in rows:
+        for column, cell in enumerate(cells):
+            if column in skipped:
+                continue
+            here, digits = mark_of(cell, line), cell.strip().lstrip("+-")
+            if here is not None and here.certain:
+                return here, {}
+            if here is not None:
+                found.setdefault((column, here.mark), here)
+            elif digits.isdecimal():
+                lengths[column] = max(len(digits), lengths.get(column, 0))
+    doubtful = {column: here for (column, _), here in found.items() if 0 < lengths.get(column, 0) <= _GROUP}
+    others = [here for here in found.values() if here.mark not in {each.mark for each in doubtful.values()}]
+    if doubtful and others:
+        return replace(others[0], certain=True, grouped=True), {}
+    return best or next(iter(found.values()), None), doubtful
+
+
 def parse_numbers(cells: Sequence[str], mark: DecimalMark | None) -> FloatArray:
     """Convert the cells of a column to float64; a missing one is NaN."""
     mark = mark or DecimalMark(".", 0, "")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -71,35 +71,6 @@ def joined_cell(day: str, clock: str) -> str:
     return "" if is_missing(day) or is_missing(clock) else f"{day.strip()} {clock.strip()}"
 
 
-def later_mark(
-    mark: DecimalMark | None, rows: Iterable[tuple[int, Sequence[str]]], left_out: Iterable[int]
-) -> tuple[DecimalMark | None, dict[int, DecimalMark]]:
-    """Return the first certain decimal mark in further rows, else the mark of the first rows; and doubtful columns.
-
-    A column is written in thousands, or doubtful, if 1.700 stands beside 100: a program that prints three decimals
-    prints them always, and one that prints no more than needed prints 1.7.  Two marks in a log tell which is which.
-    """
-    best, skipped = mark, set(left_out)
-    found, lengths = dict[tuple[int, str], DecimalMark](), dict[int, int]()
-    for line, cells in rows:
-        for column, cell in enumerate(cells):
-            if column in skipped:
-                continue
-            here, digits = mark_of(cell, line), cell.strip().lstrip("+-")
-            if here is not None and here.certain:
-                return here, {}
-            if here is not None:
-                found.setdefault((column, here.mark), here)
-            elif digits.isdecimal():
-                lengths[column] = max(len(digits), lengths.get(column, 0))
-    doubtful = {column: here for (column, _), here in found.items() if 0 < lengths.get(column, 0) <= _GROUP}
-    others = [here for here in found.values() if here.mark not in {each.mark for each in doubtful.values()}]
-    if doubtful and others:
-        return replace(others[0], certain=True, grouped=True), {}
-    return best or next(iter(found.values()), None), doubtful
-
-
-_GROUP = 3  # digits between two thousands separators [count]
 COMMENT_MARKS = ("#", "%")
 DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks; if two have equal scores, the first is taken
 QUOTES_REMEDY = "correct it, write each row and its names in one line, and a quotation mark within a quoted cell twice"
@@ -107,6 +78,7 @@ LONGEST_LINE = 1 << 22  # longest line that is read: 131,072 columns of full pre
 MOST_LINES_ABOVE = 100_000  # most lines without data before the first row, or between two of the first rows [lines]
 _SAMPLE_ROWS = 100  # rows from which the layout is detected [rows]
 _SAMPLE_CHARACTERS = 1 << 18  # characters from which the layout of very wide rows is detected [characters]
+TAIL_BYTES = 1 << 16  # end of a file that is searched for its last line [bytes]
 _HEAD_BYTES = 1 << 16  # beginning of a file from which its encoding is detected [bytes]
 _CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))
 BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")
@@ -197,6 +169,25 @@ def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
                 raise too_long_error(path, number)
             yield number, line
             number += 1
+
+
+def last_lines(path: Path, encoding: str) -> tuple[str, str]:
+    """Return the last two lines; the last one is empty if the file ends with a line end or has one line."""
+    lines = tail_of(path, encoding)
+    return (lines[-2], lines[-1]) if len(lines) > 1 else ("", "")
+
+
+def tail_of(path: Path, encoding: str) -> list[str]:
+    """Return the lines at the end of a file; the first may be a part, the last is empty behind a line end."""
+    with path.open("rb") as file:
+        head = file.read(2)
+        end = file.seek(0, 2)
+        start = max(0, end - TAIL_BYTES) // 4 * 4  # does not split a character of UTF-16
+        file.seek(start)
+        tail = file.read()
+    if encoding == "utf-16":
+        encoding = "utf-16-le" if head == codecs.BOM_UTF16_LE else "utf-16-be"
+    return tail.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 def too_long_error(path: Path, number: int) -> LogError:

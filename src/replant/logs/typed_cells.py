@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from replant.errors import LogError, shown
-from replant.logs.csv import last_lines
 from replant.logs.parser_process import allow
 from replant.logs.table import (
     MOST_COLUMNS,
@@ -35,7 +34,7 @@ from replant.logs.table import (
     too_many_error,
 )
 from replant.logs.text_cells import CellError, as_float, quote, units_in, with_units
-from replant.logs.text_layout import MOST_LINES_ABOVE, lines_of
+from replant.logs.text_layout import MOST_LINES_ABOVE, last_lines, lines_of
 from replant.logs.text_times import StampFormat, find_format, is_missing, with_stamps
 from replant.numerics.arguments import FloatArray
 
