@@ -133,7 +133,9 @@ def find_rigs(
     if not os.fspath(instance("logs", logs, str, os.PathLike)):
         raise InvalidArgumentError("logs is empty; name a file, a folder or a pattern")
     found = _pieces(logs, leave_out)
-    notes = [] if Path(logs).is_file() else [piece for piece in found if _is_note(piece)]
+    # a text without rows of numbers, such as notes.txt beside the logs
+    texts = [each for each in found if not each.problem and Path(each.path).suffix.lower() == NOTES]
+    notes = [] if Path(logs).is_file() else [each for each in texts if is_prose(Path(each.path))]
     for note in notes:
         no_log(note.name)
     pieces = [piece for piece in found if piece not in notes]
@@ -158,11 +160,6 @@ def find_rigs(
     for name, piece in named + rigs_in_columns(inside, by):
         grouped[name].append(piece)
     return [Rig(name, tuple(sorted(of, key=lambda piece: piece.name))) for name, of in sorted(grouped.items())]
-
-
-def _is_note(piece: Piece) -> bool:
-    """Return whether a file is a text without rows of numbers, such as notes.txt beside the logs."""
-    return not piece.problem and Path(piece.path).suffix.lower() == NOTES and is_prose(Path(piece.path))
 
 
 def is_parquet(piece: Piece) -> bool:

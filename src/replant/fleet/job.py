@@ -110,8 +110,14 @@ class Job:
     def __post_init__(self) -> None:
         keep(self, "input", _columns)
         keep(self, "output", _column)
-        if self.several:
-            self._check_several()
+        if isinstance(self.input, tuple):
+            for each in self.input:
+                if self.input.count(each) > 1:
+                    raise InvalidArgumentError(f"input {each!r} is given twice: name each column once")
+            object.__setattr__(self, "structure", wanted(self.input, self.structure, None, 0, 0.0))
+            for name, usual in (("input_map", "identity"), ("optimizer", AUTO)):
+                if getattr(self, name) != usual:
+                    raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
         else:
             keep(self, "structure", instance, Structure)
         optional: dict[str, Any] = {
@@ -130,17 +136,6 @@ class Job:
             raise InvalidArgumentError("only the method run takes an optimizer: leave it out, or use the method run")
         if self.method == "run" and not self.several:
             self.request(1.0 if self.dt is None else self.dt)  # raises if the options are invalid for every rig
-
-    def _check_several(self) -> None:
-        """Check several inputs, and refuse options that they do not support yet."""
-        assert isinstance(self.input, tuple)
-        for each in self.input:
-            if self.input.count(each) > 1:
-                raise InvalidArgumentError(f"input {each!r} is given twice: name each column once")
-        object.__setattr__(self, "structure", wanted(self.input, self.structure, None, 0, 0.0))
-        for name, usual in (("input_map", "identity"), ("optimizer", AUTO)):
-            if getattr(self, name) != usual:
-                raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
 
     @property
     def several(self) -> bool:

@@ -24,8 +24,9 @@ from replant.fleet.store import FAILED, column, verdicts_of
 from replant.fleet.worker import opened, result_of
 from replant.logs.table import listed
 from replant.numerics.arguments import FloatArray
-from replant.plotting.numbers import number, rounded
-from replant.report.page_frame import asset, filled, heading, icon, page, script, section, words
+from replant.plotting.numbers import number, rounded, with_unit
+from replant.report import page_frame
+from replant.report.page_frame import asset, filled, heading, icon, note, script, section, words
 from replant.report.result_page import write_report
 
 WIDTH, HEIGHT, FOOT = 300, 90, 22  # size of the picture, and height of its axis [px]
@@ -60,8 +61,7 @@ def histogram(name: str, values: FloatArray, unit: str = "") -> str:
         f'<text x="0" y="{HEIGHT + 16}">{low}</text>'
         f'<text x="{WIDTH}" y="{HEIGHT + 16}" text-anchor="end">{high}</text></svg>'
     )
-    label = html.escape(name + (f" [{unit}]" if unit else ""))
-    told = html.escape(said.partition(": ")[2] + more)
+    label, told = html.escape(with_unit(name, unit)), html.escape(said.partition(": ")[2] + more)
     return f"<figure><figcaption>{label}<small>{told}</small></figcaption>{picture}</figure>"
 
 
@@ -108,18 +108,18 @@ def write_page(fleet: Fleet, compare: Fleet | None = None) -> Path:
         "histograms": _histograms(fleet, table),
         "table_note": html.escape(_table_note(table.num_rows)),
     }
-    written = page(
-        title=Path(fleet.logs).name or Path(fleet.logs).resolve().name or fleet.logs,
-        eyebrow="Fleet",
-        lede=_lede(fleet, table),
-        body=filled("fleet.html", body),
-        css=asset("fleet.css"),
-        data=_data(fleet, table, found),
-        scripts=[script("format.js", "fleet.js")],
-    )
     path = fleet.folder / PAGE
     with replacing(path) as new:
-        new.write_text(written, encoding="utf-8", errors="backslashreplace")
+        page_frame.write_page(
+            new,
+            title=Path(fleet.logs).name or Path(fleet.logs).resolve().name or fleet.logs,
+            eyebrow="Fleet",
+            lede=_lede(fleet, table),
+            body=filled("fleet.html", body),
+            css=asset("fleet.css"),
+            data=_data(fleet, table, found),
+            scripts=[script("format.js", "fleet.js")],
+        )
     return path
 
 
@@ -147,17 +147,13 @@ def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
     """Return the sections of odd rigs, of those that failed, and of those with many rejected samples."""
     rigs, verdicts, reasons = (table.column(name).to_pylist() for name in ("rig", "verdict", "reasons"))
     if not found.usual:
-        note = "Too few rigs are trusted to determine what is usual."
+        told = "Too few rigs are trusted to determine what is usual."
     else:
         count = int(found.odd.sum())
-        those = "1 rig is odd: it is farther from the fleet than chance explains, or its signals show why it is"
-        if count != 1:
-            those = (
-                f"{count:,} rigs are odd: they are farther from the fleet than chance explains, or their signals show "
-                "why they are"
-            )
-        note = (
-            f"{those} not trusted. In a fleet without odd rigs, one is named by chance with a probability of "
+        are, they, their = ("1 rig is", "it is", "its") if count == 1 else (f"{count:,} rigs are", "they are", "their")
+        told = (
+            f"{are} odd: {they} farther from the fleet than chance explains, or {their} signals show why {they} not "
+            "trusted. In a fleet without odd rigs, one is named by chance with a probability of "
             f"{100.0 * CHANCE:g} %. The test accounts for the spread of the fleet and the uncertainty of each rig, so "
             "that an uncertain rig is not odd."
         )
@@ -169,8 +165,8 @@ def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
         f"spread {100.0 * (ratio - 1.0):.2g}&nbsp;%"
         for quantity, middle, ratio in found.usual
     )
-    told = f'<p class="note">Usual in this fleet: {usual}.</p>' if usual else ""
-    shown = section("Odd rigs", f'<p class="note">{words(note)}</p>{told}', _listed(odd[:MOST_LISTED]), anchor="odd")
+    middles = f'<p class="note">Usual in this fleet: {usual}.</p>' if usual else ""
+    shown = section("Odd rigs", note(told), middles, _listed(odd[:MOST_LISTED]), anchor="odd")
     if failed:
         shown += section("Failed rigs", _listed(failed[:MOST_LISTED]), anchor="failed")
     lost = lost_samples_of(table)
@@ -206,9 +202,8 @@ def _drift(drift: Drift, before: Fleet) -> str:
         if rigs:
             more = f" and {len(rigs) - 10:,} more" if len(rigs) > 10 else ""
             said.append(f"{what.capitalize()}: {', '.join(rigs[:10])}{more}.")
-    paragraphs = "".join(f'<p class="note">{words(text)}</p>' for text in said)
     listed = _listed((heading(each.rig), each.words) for each in drift.drifted[:MOST_LISTED])
-    return section("Drift", paragraphs, listed, anchor="drift")
+    return section("Drift", *map(note, said), listed, anchor="drift")
 
 
 def _histograms(fleet: Fleet, table: Any) -> str:
@@ -217,8 +212,8 @@ def _histograms(fleet: Fleet, table: Any) -> str:
         return ""
     drawn = [histogram(each.label, values[trusted], each.unit) for each, values in _quantities(fleet, table)]
     drawn += [histogram(name, column(table, name)[trusted]) for name in fleet.shape.names]
-    note = f'<p class="note">Of the {int(trusted.sum()):,} trusted rigs; the line is the median.</p><br>'
-    return section("Distributions", note, f'<div class="histograms">{"".join(drawn)}</div>', anchor="distributions")
+    told = note(f"Of the {int(trusted.sum()):,} trusted rigs; the line is the median.")
+    return section("Distributions", told, f'<br><div class="histograms">{"".join(drawn)}</div>', anchor="distributions")
 
 
 def _quantities(fleet: Fleet, table: Any) -> list[tuple[Quantity, FloatArray]]:
@@ -250,7 +245,7 @@ def _data(fleet: Fleet, table: Any, found: Oddness) -> dict[str, Any]:
     rigs, verdicts, reasons = (table.column(name).to_pylist() for name in ("rig", "verdict", "reasons"))
     lost = lost_samples_of(table)
     why = [found.words[row] or (lost[row] if verdicts[row] == "trusted" else reasons[row]) for row in range(len(rigs))]
-    numbers = [(f"{q.label} [{q.unit}]" if q.unit else q.label, values) for q, values in _quantities(fleet, table)]
+    numbers = [(with_unit(each.label, each.unit), values) for each, values in _quantities(fleet, table)]
     numbers += [(name, column(table, name)) for name in fleet.shape.names]
     numbers += [("fit [%]", column(table, "fit")), ("samples", column(table, "samples"))]
     columns: list[dict[str, Any]] = [
@@ -295,17 +290,13 @@ def _write_report(job: Job, folder: Path, rig: Rig) -> int:
     if shown is not None:
         log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
     assert log is not None
-    about: dict[str, Any] = {"title": rig.name, "python": _program(rig.name, folder)}
+    program = (  # loads the rig's model from the results of the fleet
+        f"import replant as rp\n\nfleet = rp.fleet.load({str(folder)!r})\n"
+        f"model = fleet.model({json.dumps(rig.name, ensure_ascii=False)})\nprint(model)"
+    )
+    about: dict[str, Any] = {"title": rig.name, "python": program}
     with replacing(folder / report_path(rig.name)) as new:
         resolved = job.method == "fit" and not isinstance(result, RowFit)
         about["preprocess"] = job.preprocess.resolve(log.input, log.output) if resolved else None
         write_report(new, result, log, **about)
     return 1
-
-
-def _program(rig: str, folder: Path) -> str:
-    """Return the Python program that loads the rig's model from the results of the fleet."""
-    return (
-        f"import replant as rp\n\nfleet = rp.fleet.load({str(folder)!r})\n"
-        f"model = fleet.model({json.dumps(rig, ensure_ascii=False)})\nprint(model)"
-    )
