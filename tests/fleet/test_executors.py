@@ -102,12 +102,11 @@ def test_loky_writes_the_same_bytes(logs: Path, expected: list[bytes], tmp_path:
 def test_another_order_of_tasks_and_files_writes_the_same_bytes(
     logs: Path, expected: list[bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from replant.fleet import catalogue
+    from replant.fleet import catalogue, worker
 
-    fitting = sys.modules["replant.fleet.fit"]  # the function has its name
-    walk, plan = catalogue.os.walk, fitting.planned
+    walk, plan = catalogue.os.walk, worker.planned
     monkeypatch.setattr(catalogue.os, "walk", lambda top, **how: reversed(list(walk(top, **how))))
-    monkeypatch.setattr(fitting, "planned", lambda *args: random.Random(0).sample(tasks := plan(*args), len(tasks)))
+    monkeypatch.setattr(worker, "planned", lambda *args: random.Random(0).sample(tasks := plan(*args), len(tasks)))
     assert fitted(logs, tmp_path / "out") == expected
 
 

@@ -66,9 +66,11 @@ def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece]]:
             "number"
         )
     parts = []
-    for key, (groups, rows, alone) in found.items():
-        part = replace(piece, groups=tuple(groups), rows=rows)
-        if not alone:
+    for key, of in found.items():
+        groups, counts, alone = zip(*of, strict=True)
+        rows = sum(counts)
+        part = replace(piece, groups=groups, rows=rows)
+        if not all(alone):
             part = replace(part, column=column, key=key)
         name = "" if key is None else str(key)
         if not name.strip():
@@ -78,9 +80,9 @@ def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece]]:
     return parts
 
 
-def _groups(file: Any, column: str) -> dict[Key, tuple[list[int], int, bool]]:
-    """Return for each rig its row groups, its number of rows, and whether the groups contain no other rig."""
-    about, found = file.metadata, defaultdict(list)
+def _groups(file: Any, column: str) -> dict[Key, list[tuple[int, int, bool]]]:
+    """Return for each rig its row groups: number, the rig's rows in it, and whether it contains no other rig."""
+    about, found = file.metadata, defaultdict[Key, list[tuple[int, int, bool]]](list)
     # the column's number in the footer, which counts each field of a structure
     leaf = [about.schema.column(number).path for number in range(about.num_columns)].index(column)
     for group in range(about.num_row_groups):
@@ -91,14 +93,10 @@ def _groups(file: Any, column: str) -> dict[Key, tuple[list[int], int, bool]]:
         is_one = known and statistics.min == statistics.max and statistics.null_count == 0
         for key, count in [(statistics.min, rows)] if is_one else _counted(file, group, column):
             found[key].append((group, count, count == rows))
-    return {
-        key: ([group for group, _, _ in of], sum(rows for _, rows, _ in of), all(alone for _, _, alone in of))
-        for key, of in found.items()
-    }
+    return found
 
 
 def _counted(file: Any, group: int, name: str) -> list[tuple[Key, int]]:
-    """Return the rigs of a row group with their numbers of rows."""
     column = file.read_row_group(group, columns=[name], use_threads=False).column(0)
     counts = column.combine_chunks().value_counts() if column.num_chunks else []
     return [(entry["values"].as_py(), entry["counts"].as_py()) for entry in counts]

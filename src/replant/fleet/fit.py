@@ -26,9 +26,9 @@ from replant.fitting.model import Model
 from replant.fitting.model_json import STRUCTURE
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
-from replant.fleet.job import ABOUT, MODELS, TABLE, Job, Shape, planned, wanted, work_of
-from replant.fleet.store import FAILED, Store, column, read_table, verdicts_of
-from replant.fleet.worker import carry_out
+from replant.fleet.job import ABOUT, MODELS, TABLE, Job, Shape, wanted
+from replant.fleet.store import Store, column, read_table, verdicts_of
+from replant.fleet.worker import identify_all
 from replant.model.structure import Structure
 from replant.numerics.arguments import iterable
 from replant.numerics.limits import file_path
@@ -337,33 +337,13 @@ def fit(
     with store.alone():
         missing = store.missing(rigs)
         store.forget_reports(missing)
-        _identify_all(store, missing, len(rigs), executor, progress or (lambda state: None))
+        identify_all(store, missing, len(rigs), executor, progress or (lambda state: None))
         names = tuple(map(str, columns)) if isinstance(columns, tuple) else str(columns)
         fleet = Fleet(folder, job.structure, names, str(output), os.fspath(logs), by, job, tuple(left_out))
         if out is None:
             weakref.finalize(fleet, shutil.rmtree, folder, ignore_errors=True)
         store.merge(_about(fleet, job))
     return fleet
-
-
-def _identify_all(
-    store: Store, missing: list[Any], rigs: int, on: Executor | str | None, progress: Callable[[Progress], None]
-) -> None:
-    tasks = planned(missing)
-    work = [sum(map(work_of, task)) for task in tasks]
-    ended = failed = samples = 0
-    count = rigs - len(missing)
-    progress(Progress(rigs, count, 0, 0, 0.0 if tasks else 1.0))
-    if not tasks:
-        return
-    with workers(on) as found:
-        for number, done in carried_out(found, partial(carry_out, store.job), tasks):
-            ended += work[number]
-            store.add(tasks[number], done)
-            count += len(done)
-            failed += sum(cells["verdict"] == FAILED for cells in done)
-            samples += sum(cells["samples"] for cells in done)
-            progress(Progress(rigs, count, failed, samples, ended / sum(work)))
 
 
 def _about(fleet: Fleet, job: Job) -> dict[str, Any]:

@@ -204,12 +204,10 @@ class Rig:
 
 
 def _column(name: str, value: Any) -> str | int:
-    """Return the name or the 0-based number of a column."""
     return text(name, value) if isinstance(value, str) else whole(name, value, 0, sys.maxsize)
 
 
 def _columns(name: str, value: Any) -> str | int | tuple[str | int, ...]:
-    """Return the name or number of a column, or a tuple of several."""
     if not iterable(value):
         return _column(name, value)
     if not value:

@@ -1,4 +1,4 @@
-"""The work of a fleet's worker: read the record of a rig, measure the movement of its signals, and identify it."""
+"""The work of a fleet and its workers: read the record of a rig, measure the movement of its signals, identify it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import math
 import sys
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +24,9 @@ from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.samples import Samples
 from replant.fleet.catalogue import is_parquet
-from replant.fleet.job import Job, Rig, printable
-from replant.fleet.store import FAILED, cells_of
+from replant.fleet.executors import Progress, carried_out, workers
+from replant.fleet.job import Job, Rig, planned, printable, work_of
+from replant.fleet.store import FAILED, Store, cells_of
 from replant.logs import Recording, Table, open_recording, read_columns
 from replant.logs.arrow import first_stamp, read_row_groups
 from replant.logs.recording import MOST_HELD, joined
@@ -33,6 +36,27 @@ from replant.numerics.operating_system import refusal
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_source
 from replant.online.runs.run_log import run_row
+
+
+def identify_all(
+    store: Store, missing: Sequence[Rig], rigs: int, on: Executor | str | None, progress: Callable[[Progress], None]
+) -> None:
+    """Identify the missing ones among a number of rigs on an executor, and store the results."""
+    tasks = planned(missing)
+    work = [sum(map(work_of, task)) for task in tasks]
+    ended = failed = samples = 0
+    count = rigs - len(missing)
+    progress(Progress(rigs, count, 0, 0, 0.0 if tasks else 1.0))
+    if not tasks:
+        return
+    with workers(on) as found:
+        for number, done in carried_out(found, partial(carry_out, store.job), tasks):
+            ended += work[number]
+            store.add(tasks[number], done)
+            count += len(done)
+            failed += sum(cells["verdict"] == FAILED for cells in done)
+            samples += sum(cells["samples"] for cells in done)
+            progress(Progress(rigs, count, failed, samples, ended / sum(work)))
 
 
 def carry_out(job: Job, rigs: Sequence[Rig]) -> list[dict[str, Any]]:

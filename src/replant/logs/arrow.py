@@ -159,7 +159,6 @@ _OLD_MAGIC = b"FEA1"
 
 @contextmanager
 def _opened_ipc(path: Path) -> Iterator[Any]:
-    """Open a file as a reader of record batches."""
     ipc = needed(path, "pyarrow.ipc", "reading Feather and Arrow files needs pyarrow", "'replant[parquet]'")
     import pyarrow
 

@@ -127,7 +127,6 @@ def read_contents(table: Table) -> Contents:
 
 
 def _unread(table: Table, number: int, rows: int, problem: ReplantError) -> Column:
-    """Describe a column that cannot be read as numbers."""
     kind = Kind.PART if number in table.parts else Kind.TEXT
     return Column(number, table.names[number], kind, rows, rows, problem=str(problem).removeprefix(f"{table.path}: "))
 

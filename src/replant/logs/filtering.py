@@ -83,7 +83,6 @@ def bandpass(log: Log, low: float | None = None, high: float | None = None) -> L
 
 
 def _sections(log: Log, low: float | None, high: float | None) -> Any:
-    """Return the filter as second-order sections."""
     from scipy import signal as filters  # slow to import
 
     if log.stamps is not None:

@@ -300,7 +300,6 @@ def _is_opaque(value: Any) -> bool:
 
 
 def _objects(contents: dict[str, Any]) -> dict[str, str]:
-    """Return the names and classes of the objects that cannot be read."""
     opaque = [value for value in contents.values() if hasattr(value, "dtype") and _is_opaque(value)]
     return {
         bytes(one["s0"]).decode(errors="replace"): bytes(one["s2"]).decode(errors="replace")

@@ -21,7 +21,7 @@ from replant.logs.columns import GIVE_TIME, contradicted, time_advice
 from replant.logs.file_formats import read_columns
 from replant.logs.log import Log
 from replant.logs.merged_channels import on_one_clock, written_apart
-from replant.logs.recording import MOST_HELD, Recording, check_range, digest, part_of
+from replant.logs.recording import MOST_HELD, Recording, digest, part_of
 from replant.logs.sampling_time import (
     StampUnit,
     check_dt,
@@ -191,7 +191,7 @@ def open_recording(
     if merged is not None:
         (table, roles), step = merged, None
     if begin is not None or end is not None:
-        table = part_of(table, *check_range(begin, end), dt=step, time=roles.get("time"))
+        table = part_of(table, begin, end, dt=step, time=roles.get("time"))
     arrays = table.columns(list(roles.values()), most_held, progress)
     _check_rows(table, roles, arrays)
     if "time" in roles:

@@ -99,19 +99,14 @@ def digest(path: Path) -> str:
 ROUND_OFF = 1e-6  # distance before an end of the range at which a stamp counts as at that end [part of an interval]
 
 
-def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
-    """Return the ends of a time range in s; an open end is 0 or infinity."""
-    first, last = 0.0 if begin is None else number("begin", begin), math.inf if end is None else number("end", end)
-    if not (0.0 <= first < math.inf and first < last):
+def part_of(table: Table, begin: float | None, end: float | None, *, dt: float | None, time: int | None) -> Table:
+    """Return the table of the rows from ``begin`` to before ``end``, in s; None is the begin or the end of the log."""
+    begin, end = 0.0 if begin is None else number("begin", begin), math.inf if end is None else number("end", end)
+    if not (0.0 <= begin < math.inf and begin < end):
         raise InvalidArgumentError(
             f"the time range must begin at 0 or later and end after that, in s from the log's first sample: "
-            f"got {first:g} (begin, --from) to {last:g} (end, --to)"
+            f"got {begin:g} (begin, --from) to {end:g} (end, --to)"
         )
-    return first, last
-
-
-def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: int | None) -> Table:
-    """Return the table of the rows from ``begin`` to before ``end``, in s."""
     if time is None:
         assert dt is not None
         first = math.ceil(begin / dt - ROUND_OFF)
