@@ -87,6 +87,21 @@ def test_a_large_load_begins_where_it_begins_and_the_plant_stays(seed: int) -> N
     assert ident._state.changed_at == at
 
 
+@every("delay", [0.0, 0.5])
+def test_outputs_that_are_missing_from_an_alarm_until_its_look_leave_a_load_a_load(delay: float) -> None:
+    """The look comes at 950; from the alarm on only the newest output before it is known."""
+    plant, rng = rp.TransferFunction([1.0], [1.0, 1.0], delay), np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 80), 15)
+    y = plant.simulate(u, 0.05)
+    spread = y.std()
+    y += 0.05 * spread * rng.standard_normal(1200)
+    y[900:] -= 1.5 * spread
+    y[909:949] = np.nan
+    ident = rp.Identifier(rp.Structure(1, delay=delay), 0.05)
+    trace = ident.update_many(u, y)
+    assert np.abs(trace.parameters[900:] - true_parameters(plant, 0)).max() < 0.1
+
+
 @functools.cache
 def at_once() -> tuple[tuple[np.ndarray, np.ndarray], rp.Identifier, np.ndarray]:
     """A record that steps, who has taken it as a whole, and the estimates at its samples."""

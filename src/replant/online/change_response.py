@@ -64,11 +64,14 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     begin = max(_began(old) - first, 0)
     since, fewest = kept[begin:], least_since(settings.structure)
     # a sensor that was stuck, or at an end of its scale, must work for as long as it failed, or for a start-up
-    failed = RecentSamples.of(old, len(since)).is_stuck | (suspicious(since.input, since.output) == Doubt.STUCK)
+    raw, odd = RecentSamples.of(old, len(since)), suspicious(since.input, since.output)
+    failed = raw.is_stuck | (odd == Doubt.STUCK)
     lasted = int(np.flatnonzero(failed)[-1]) + 1 if failed.any() else 0
     enough = len(since) - lasted >= max(fewest, min(lasted, settings.startup))
     if len(since) < fewest or not enough or not np.ptp(since.output[-SOONEST:]) > 0.0:
         return old, later
+    # an alarm may begin early by chance: these samples, which the model explains, look like outliers beside those since
+    begin += int(np.logical_and.accumulate((odd == Doubt.OUTLIER) & ~raw.is_bridged).sum())
     earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
     record = kept.record(settings.dt, settings.filter.input_hold)
     information = _information(settings, covariance(old, settings), old.entries)
@@ -79,13 +82,11 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     if old.alarm == Alarm.FLOATS:
         claims, found = _afloat(settings, record, begin, present)
     else:
-        # a begin before an output that is left out is as likely as one behind it, but false once that output counts
-        onset, alarm, latest = (_first_known(record, at) for at in (present.onset(record, earliest), *begins))
-        begins = sorted({min(onset, latest), alarm, latest})
+        begins = sorted({min(present.onset(record, earliest), begins[-1]), *begins})
         contests = {at: Contest(settings.structure, record, at, present) for at in begins}
         claims = [claim for contest in contests.values() for claim in contest.claims()]
         if claims and remembers_since_change(old, settings):
-            claims += _one_model(old, settings, contests[alarm], claims)
+            claims += _one_model(old, settings, contests[max(begin, 1)], claims)
         found = decided(claims)
     if found is None:
         return old, later
@@ -104,11 +105,6 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         return old, later
     new = believed(old, settings, found, undecided=not is_sure(claims, found))
     return (old, later) if new is None else (new, 0)
-
-
-def _first_known(record: Record, begin: int) -> int:
-    """Return the first sample from ``begin`` on whose output is measured."""
-    return begin + int(record.is_measured[begin:].argmax())
 
 
 def _anew(old: State, settings: Settings, first: int) -> State | None:
