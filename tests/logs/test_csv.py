@@ -55,7 +55,7 @@ def test_layout_does_not_change_the_samples(write: Write, text: str) -> None:
     assert y.tolist() == [2.0, 4.0]
 
 
-@every("name", ["log.csv", "log.txt", "log.tsv", "log.dat", "LOG.CSV"])
+@every("name", ["log.csv", "log.txt", "log.tsv", "log.dat", "log.lvm", "LOG.CSV"])
 def test_every_suffix_of_text_is_read(write: Write, name: str) -> None:
     assert read_columns(write("u,y\n1,2\n3,4\n", name)).column("y").tolist() == [2.0, 4.0]
 
@@ -90,6 +90,10 @@ COLUMNS: dict[str, tuple[str, tuple[str, ...], dict[str | int, list[float]]]] = 
     "no first name": (",u,y\n0,1,2\n1,2,3\n", ("0", "u", "y"), {}),
     "names that begin as numbers": ("3.3V,5V,t\n1,2,3\n2,3,4\n", ("3.3V", "5V", "t"), {}),
     "no last names": ("u,y,,\n1,2,,\n2,3,,\n", ("u", "y", "2"), {}),
+    "LabVIEW": ("LabVIEW Measurement\t\nDecimal_Separator\t,\n***End_of_Header***\t\t\n\t\t\nChannels\t2\t\t\n"
+                "Samples\t2\t2\t\nDelta_X\t1,0\t1,0\t\n***End_of_Header***\t\t\t\nX_Value\tu\ty\tComment\n"
+                "0,000000\t1,500000\t2,000000\t\n1,000000\t-2,5e-3\t4,000000\t\n",
+                ("X_Value", "u", "y", "Comment"), {"X_Value": [0.0, 1.0], "u": [1.5, -2.5e-3], "y": [2.0, 4.0]}),
     "no header, words": ("u,1\na,2\nb,3\n", ("0", "1"), {}),
 }  # fmt: skip
 

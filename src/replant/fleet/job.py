@@ -269,7 +269,7 @@ def work_of(rig: Rig) -> int:
     rows = 0
     for piece in rig.pieces:
         suffix = Path(piece.path).suffix.lower()
-        is_text = suffix in (".csv", ".txt", ".tsv", ".dat", ".jsonl")
+        is_text = suffix in (".csv", ".txt", ".tsv", ".dat", ".lvm", ".jsonl")
         rows += piece.rows or piece.size // (TEXT_ROW if is_text else BINARY_ROW)
     return FIXED + rows
 

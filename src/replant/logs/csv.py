@@ -1,4 +1,4 @@
-"""Text logs (.csv, .txt, .tsv, .dat): read in blocks of lines, which NumPy parses in C.
+"""Text logs (.csv, .txt, .tsv, .dat, .lvm): read in blocks of lines, which NumPy parses in C.
 
 Python parses a block with quotes, comments, dates or an error, and locates the error.
 """

@@ -65,7 +65,7 @@ class Parser:
 
 # The readers, as module.function of this folder: read(path) -> Table; a module is imported when it is first needed
 PARSERS = {
-    "csv.read": Parser(".csv .txt .tsv .dat"),
+    "csv.read": Parser(".csv .txt .tsv .dat .lvm"),
     # pyarrow imports pandas to convert a column; that takes 50 MB, and ten times as long as reading a short file
     "arrow.read_parquet": Parser(
         ".parquet .pq", "a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute"), without=("pandas",)

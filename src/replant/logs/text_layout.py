@@ -84,6 +84,7 @@ _CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))
 BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")
 _WORD = re.compile(r"[^\s,;|]+")
 _EXCEL_HINT = re.compile(r"sep=.?", re.IGNORECASE)  # a first line that tells Excel the delimiter
+_HEADER_END = "***End_of_Header***"  # the last line of each of the two headers of a LabVIEW measurement file
 
 
 @dataclass(frozen=True)
@@ -207,7 +208,9 @@ def _sample(path: Path, encoding: str) -> tuple[tuple[int, str], list[tuple[int,
         is_enough = len(rows) == _SAMPLE_ROWS or (len(rows) > 1 and characters > _SAMPLE_CHARACTERS)
         if is_enough or number > last + MOST_LINES_ABOVE:
             break
-        if is_data(line) and not _EXCEL_HINT.fullmatch(line.strip()):
+        if line.startswith(_HEADER_END):
+            rows, characters, last = [], 0, number
+        elif is_data(line) and not _EXCEL_HINT.fullmatch(line.strip()):
             rows.append((number, line))
             characters, last = characters + len(line), number
         elif line.strip() and not rows and not is_data(line):
