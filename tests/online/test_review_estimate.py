@@ -50,6 +50,19 @@ def test_a_change_that_hardly_shows_in_the_residual_is_learned(kind: str, gain: 
 
 
 @every("kind", ["white", "coloured"], quick=1)
+def test_a_change_while_the_input_rests_is_learned_although_no_sample_before_it_is_kept(kind: str) -> None:
+    """The kept samples alone show one model; the estimate knows more than these."""
+    u = np.concatenate([binary(1, STEADY, 8), np.zeros(3000), binary(2, 8000, 8)])
+    y = PLANT.simulate(u, DT)
+    scale = NOISE * float(y[:STEADY].std())
+    y[STEADY + 1000 :] *= 0.4  # the residual's power grows 1.7-fold, which raises no alarm
+    ident = rp.Identifier(rp.Structure(2), DT, history=2000)
+    ident.update_many(u, y + scale * noise(kind, 1, u.size))
+    static = ident.transfer_function.num[-1] / ident.transfer_function.den[-1]
+    assert abs(static / (0.4 * 2.0 / 3.0) - 1.0) < 0.2
+
+
+@every("kind", ["white", "coloured"], quick=1)
 @every("seed", range(3), quick=1)
 def test_an_estimate_that_holds_keeps_its_whole_record(kind: str, seed: int) -> None:
     """Of some fifty reviews none begins anew: the chance of one is 1e-7, from the levels of the two tests."""

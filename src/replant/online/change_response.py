@@ -18,7 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from replant.estimation.engine.estimate_covariance import covariance
+from replant.estimation.engine.estimate_covariance import covariance, covariance_by_colour
 from replant.estimation.engine.recent_samples import RecentSamples, variance_of_input
 from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
@@ -209,6 +209,19 @@ def _known(
     usual = float(max(state.usual_variance, outliers.LEAST * state.largest_output)) * settings.scaling.output**2
     filters = state.noise.filters > 0.0
     return Known.before(settings.structure, record, begin, mean, information, usual, filters=filters)
+
+
+def information_of(state: State, settings: Settings) -> FloatArray:
+    """Return the information (T, T) on the coefficients if one model holds, whose estimate scatters by the colour."""
+    return _information(settings, covariance_by_colour(state) * np.outer(state.unit, state.unit), state.entries)
+
+
+def looked_at(old: State, settings: Settings, began: int) -> State | None:
+    """Return the state after a change since an accepted sample that raised no alarm; None if none is sure."""
+    tried = old.copy()
+    tried.alarm, tried.change_began = Alarm.RESTS, began
+    new, _ = look(tried, settings)
+    return None if new is tried else new
 
 
 def _information(settings: Settings, covariance: FloatArray, entries: int) -> FloatArray:

@@ -35,8 +35,10 @@ from replant.online.change_response import (
     behind_loads,
     believed,
     gap_before,
+    information_of,
     is_at_rest,
     look,
+    looked_at,
     note_alarm,
     of_whole,
     remembers_all,
@@ -49,8 +51,6 @@ from replant.verdict import assess_running
 SURELY = -math.log(ALPHA)  # significant log-likelihood ratio of two models [nats]
 # half of the newest samples, so that the input still moves in the other half after it has come to rest
 EVERY = RECENT // 2  # samples between two reviews of a long record, which note the verdict [samples]
-# half of the samples kept are then new, as for a growing record; a search takes as long as learning the samples
-REVIEWED = STORED // 2  # samples between two searches of a long record for a change [samples]
 
 GROWTH = 1.25
 """Growth of the record after which it is tested whether one model holds for it [ratio of lengths].
@@ -125,28 +125,32 @@ def renew(old: State, settings: Settings) -> State | None:
         return None
     began = max(old.record_began, old.gap_at)
     rows = min(old.samples - began or 1, STORED, len(old.recent))
-    # only of a short record: later the present estimate contains more information than the samples kept
-    is_whole = old.gap_at <= old.record_began and RECENT >= rows == old.samples - began
-    has_grown = is_whole and old.samples - began >= AGAIN * (old.solved_at - began)
-    # search for a change: always while the record is short, then once in REVIEWED samples; not at rest, when new
-    # samples could not test another model
-    count = old.samples - (old.changed_at or old.record_began)
-    is_due = count <= RECENT or count // REVIEWED > (count - EVERY) // REVIEWED
+    knows_more = rows < old.samples - old.record_began  # than these samples say
+    # later the present estimate contains more information than the samples kept
+    is_short = not knows_more and rows <= RECENT
+    has_grown = is_short and old.samples - began >= AGAIN * (old.solved_at - began)
+    # search for a change: always while the record is short, then whenever half of the samples kept are new; not at
+    # rest, when new samples could not test another model
+    count, half = old.samples - (old.changed_at or old.record_began), min(STORED, len(old.recent)) // 2
+    is_due = count <= RECENT or half <= EVERY or count // half > (count - EVERY) // half
     is_searched = is_due and not is_at_rest(old)
     if not (is_searched or has_grown):
         return None
     structure = settings.structure
     record = RecentSamples.record_of(old, rows, settings.dt, settings.filter.input_hold)
-    begin = begin_of_change(structure, record, old.physical) if is_searched else 0
+    known = information_of(old, settings) if knows_more else None
+    begin = begin_of_change(structure, record, old.physical, known) if is_searched else 0
+    if begin and knows_more:
+        return looked_at(old, settings, old.samples - rows + begin)
     if not (begin or has_grown):
         return None
-    solution = solve(structure, record, [old.physical], afresh=is_whole)
+    solution = solve(structure, record, [old.physical], afresh=is_short)
     if solution is None:
         return None
     found = change_at(structure, solution.record, solution.found.theta, begin) if begin else None
     if found is not None and not found.goes_on:
         return believed(old, settings, found.claim, undecided=not is_sure(found.claims, found.claim))
-    if not (is_whole and _advantage(solution, settings, old.physical) > SURELY):
+    if not (is_short and _advantage(solution, settings, old.physical) > SURELY):
         return None
     new = restart_at(old, settings, solution, began)
     new.undecided = False  # the record has grown by half, and one model still explains it

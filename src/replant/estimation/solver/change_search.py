@@ -8,7 +8,8 @@ to it.  The sums of the score from each of some samples b on,
 
 are normal with mean zero and covariance :math:`\sigma^2 C_b` if one model holds, so that
 :math:`g_b^T C_b^{-1} g_b / \sigma^2` is chi-squared.  The nuisances of the samples from b on are projected out, as a
-load changes them.  If the largest statistic over all b is significant, suppositions of a change at b compete
+load changes them.  What is known from before the record is added to M: a change while the input rests, or no sample is
+kept, shows against it alone.  If the largest statistic over all b is significant, suppositions of a change at b compete
 (`replant.estimation.solver.change_contest`) with that of one model.
 
 Source: Andrews (1993), "Tests for parameter instability and structural change with unknown change point", Econometrica
@@ -99,8 +100,13 @@ def change_at(structure: Structure, record: Record, model: FloatArray, begin: in
 
 
 @quiet
-def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> int:
-    """Return the most significant begin of a change, given a model (T,) of the record; 0 if it may be chance."""
+def begin_of_change(
+    structure: Structure, record: Record, model: FloatArray, information: FloatArray | None = None
+) -> int:
+    """Return the most significant begin of a change, given a model (T,) of the record; 0 if it may be chance.
+
+    ``information`` (T, T) is that of the samples before the record, if the model was found with these, too.
+    """
     from replant.kernels.filters.sums import explain
 
     size, fewest = structure.coefficients, least_since(structure)
@@ -117,10 +123,13 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
         if not math.sqrt(power) * beside >= HARMLESS * record.spread:  # or NaN
             return 0
         noise = Autoregression.of_residual(error, record.predecessors, count)
-        return surest_begin(noise.whiten_known(signals, record.predecessors), size, fewest, record.count)[0]
+        white = noise.whiten_known(signals, record.predecessors)
+        return surest_begin(white, size, fewest, record.count, information)[0]
 
 
-def surest_begin(signals: FloatArray, size: int, fewest: int, count: int) -> tuple[int, float]:
+def surest_begin(
+    signals: FloatArray, size: int, fewest: int, count: int, information: FloatArray | None = None
+) -> tuple[int, float]:
     """Return the most significant begin of a change of ``size`` entries, and statistic over limit; 0 by chance."""
     # signals (K, T + 1): whitened slopes, also of nuisances, and residual, of ``count`` outputs
     samples = len(signals)
@@ -132,6 +141,8 @@ def surest_begin(signals: FloatArray, size: int, fewest: int, count: int) -> tup
     variance = since[0, -1, -1] / max(count - lengths.size + 1, 1)
     if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
         return 0, 0.0
+    if information is not None:  # M includes what is known from before
+        since[0, :-1, :-1] += variance * information
     largest, begin = _worst(since, size, begins)
     limit = chi2_quantile(1.0 - ALPHA / begins.size, size) * variance
     if not largest > limit:  # the scatter of blocks only raises the limit
