@@ -252,7 +252,7 @@ void run_kalman(
     }
 }
 
-/* --- the noise model: a row is phi (T), zeta (T), target; numbers as kernels.filters.whitening has them */
+/* --- the noise model: a row is phi (T), zeta (T), target; numbers as kernels.filters.autoregressions has them */
 
 static double filter_row(int64_t T, double *restrict noise, double *restrict phi, double *restrict zeta, double target)
 {

@@ -27,8 +27,8 @@ from replant.estimation.engine.dimensions import Dimensions
 from replant.estimation.engine.state import State
 from replant.estimation.optimizers import Optimizer
 from replant.kernels import schema as at
+from replant.kernels.filters import autoregressions, chain, reference
 from replant.kernels.filters import bank as bk
-from replant.kernels.filters import chain, reference, whitening
 from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance
 from replant.kernels.schema import LAGS, StateSlots
@@ -89,9 +89,9 @@ def run_noise_model(s: StateSlots, rows: Matrix, errors: Reals, targets: Reals):
     for k in range(rows.shape[0]):
         for i in range(T):
             s.phi[i], s.zeta[i] = rows[k, i], rows[k, T + i]
-        targets[k] = whitening.filter_row(T, s.noise, s.phi, s.zeta, rows[k, 2 * T])
+        targets[k] = autoregressions.filter_row(T, s.noise, s.phi, s.zeta, rows[k, 2 * T])
         if s.noise.known > LAGS:
-            whitening.add_residuals(s.noise, int(s.noise.position), s.theta, errors, 1.0)
+            autoregressions.add_residuals(s.noise, int(s.noise.position), s.theta, errors, 1.0)
 
 
 @kernel()

@@ -18,17 +18,14 @@ from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
 from replant.kernels.filters import autoregressions, bank, chain
 from replant.kernels.filters.autoregressions import fill_all_pole, fill_play
 from replant.kernels.filters.reference import functions
-from replant.kernels.filters.sums import explain
+from replant.kernels.filters.sums import explain, since_each
 from replant.kernels.monitoring import interruptions, scatter
-from replant.kernels.monitoring.changes import since_each
-from replant.kernels.monitoring.recent import unroll, variance
 from replant.kernels.native import KERNELS, Kernel, interpreted
 from replant.kernels.schema import DOUBTED, INPUT, LAGS, LAGUERRE, OUTPUT, STEP, Doubt
 from replant.kernels.step.bank import weigh
-from replant.kernels.step.branch import branch
-from replant.kernels.step.miso import REFUSED, learn
+from replant.kernels.step.miso import REFUSED, branch, learn
 from replant.kernels.step.soundness import is_sound
-from replant.kernels.step.stages import regressors
+from replant.kernels.step.stages import regressors, unroll, variance
 from replant.model.transfer_function import TransferFunction
 from replant.numerics import autoregression, linear_algebra
 from replant.numerics.arguments import FloatArray

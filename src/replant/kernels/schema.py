@@ -137,7 +137,7 @@ class ColourSlots(Part):
 
 
 class NoiseSlots(Part):
-    """The noise model, an autoregression of the residual; see `replant.kernels.filters.whitening`."""
+    """The noise model, an autoregression of the residual; see `replant.kernels.filters.autoregressions`."""
 
     order = Real("p, order in use", least=0.0, most=float(LAGS))
     filters = Real("1: rows are filtered by the model; 0: it is only kept", least=0.0, most=1.0)

@@ -18,7 +18,7 @@ from replant.estimation.simulation.miso import Point, Row, Stretch
 from replant.estimation.simulation.miso_exogenous import Law, with_moved
 from replant.estimation.solver.change_contest import HARMLESS
 from replant.fitting.miso_solve import RowEstimate
-from replant.kernels.filters.whitening import JITTER
+from replant.kernels.filters.autoregressions import JITTER
 from replant.kernels.schema import LAGS
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from replant.estimation.engine.state import GAP
-from replant.kernels.filters.whitening import JITTER
+from replant.kernels.filters.autoregressions import JITTER
 from replant.kernels.schema import LARGEST, LEAP
 from replant.numerics.arguments import FloatArray
 from replant.online.miso_recursion import SURPRISE
@@ -26,8 +26,7 @@ class RowStep:
     """Takes samples one by one after a state that has a model; the state is not changed."""
 
     def __init__(self, state: RowState) -> None:
-        from replant.kernels.step.branch import branch
-        from replant.kernels.step.miso import learn
+        from replant.kernels.step.miso import branch, learn
 
         assert state.recursion is not None
         recursion = state.recursion

@@ -153,12 +153,12 @@ class RecentSamples:
     @classmethod
     def record_of(cls, state: State, most: int, dt: float, input_hold: str) -> Record:
         """Return the newest samples that a state keeps, at most ``most``, as a record divided by its gaps."""
-        from replant.kernels.monitoring import recent
+        from replant.kernels.step import stages
 
         rows, end = _newest(state, most)
         if rows and state.recent.shape[1] <= REFERENCE:  # one pass; signal by signal would take a tenth of a search
             u, y = np.empty((2, rows))
-            if not recent.unroll(state.recent, end, dt, u, y):
+            if not stages.unroll(state.recent, end, dt, u, y):
                 return Record(u, y, np.array([dt]), input_hold)
         return cls.of(state, most).record(dt, input_hold, parted=True)
 
@@ -181,10 +181,10 @@ class RecentSamples:
 
 def variance_of_input(state: State, samples: int) -> float:
     """Return the variance of the newest inputs that a state keeps, at most ``samples``; there must be one."""
-    from replant.kernels.monitoring import recent
+    from replant.kernels.step import stages
 
     rows, end = _newest(state, samples)
-    return float(recent.variance(state.recent, end, rows, INPUT))
+    return float(stages.variance(state.recent, end, rows, INPUT))
 
 
 def _newest(state: State, most: int) -> tuple[int, int]:

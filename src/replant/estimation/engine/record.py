@@ -111,7 +111,7 @@ class Record:
     @property
     def _breaks(self) -> BoolArray:
         """Which samples (K,) begin a record, or come after an unusual interval, beyond jitter."""
-        from replant.kernels.filters.whitening import JITTER
+        from replant.kernels.filters.autoregressions import JITTER
 
         broken = np.zeros(self.u.size, bool)
         broken[:1] = True

@@ -223,7 +223,7 @@ class AuxiliaryModel:
         Without a model it continues from the end of the last run.  The instruments are written to ``rows`` (K, T or
         more), if given; the column of the constant is zero unless ``constant``.
         """
-        from replant.kernels.step.branch import branch
+        from replant.kernels.step.miso import branch
 
         if theta is not None:
             self.begin(theta)

@@ -175,9 +175,9 @@ def _sums(signals: FloatArray, begins: IntArray) -> FloatArray:
 
 def _worst(since: FloatArray, size: int, begins: IntArray) -> tuple[float, int]:
     """Return the largest statistic of `_sums`, and its sample."""
-    from replant.kernels.monitoring import changes
+    from replant.kernels.filters import sums
 
     statistics, twice = np.empty(begins.size), 2 * (since.shape[1] - 1)
-    changes.since_each(since, size, statistics, np.empty((twice, twice + 1)))
+    sums.since_each(since, size, statistics, np.empty((twice, twice + 1)))
     worst = statistics.size - 1 - int(np.argmax(statistics[::-1]))  # of equal ones the last
     return float(statistics[worst]), int(begins[worst])

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
+from replant.kernels.filters import autoregressions
 from replant.kernels.filters import bank as bk
-from replant.kernels.filters import whitening
 from replant.kernels.filters.polynomials import slowest_decay
 from replant.kernels.monitoring import scatter
 from replant.kernels.native import LAID_OUT, kernel
@@ -71,7 +71,7 @@ def begin_initial_state(s, y):
             s.banks[b, bk.at_weights(n, T) + first + i] = theta[first + i] * s.output_scale
         if s.algorithm == RECURSIVE_LEAST_SQUARES:  # in the unit of its covariance: the variance of what it learns
             usual = max(s.usual_variance, LEAST_NOISE * s.largest_output, np.finfo(np.float64).tiny)
-            variances[i] /= whitening.gain(s) * usual
+            variances[i] /= autoregressions.gain(s) * usual
             caps = block(s.memory, second.AT_CAPS, T)
             caps[first + i] = max(caps[first + i], variances[i])
     second.begin_last(U, D, first, variances, s.backup[:T])

@@ -20,8 +20,8 @@ Changes", 1993, chapter 2.
 
 import math
 
+from replant.kernels.filters import autoregressions, chain
 from replant.kernels.filters import bank as bk
-from replant.kernels.filters import chain, whitening
 from replant.kernels.native import inlined
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.schema import Alarm, Doubt
@@ -108,7 +108,7 @@ def variance_ratio(s):
     """Return the variance of the newest a-priori error over the residual's: above 1 if parameters are uncertain."""
     U, D = second.factors_of(s)
     along = second.variance_along(U, D, s.zeta if s.instruments else s.phi)
-    return 1.0 + whitening.gain(s) * along / second.own_noise(s)
+    return 1.0 + autoregressions.gain(s) * along / second.own_noise(s)
 
 
 def is_harmful(s, square):

@@ -11,8 +11,8 @@ rows of the newest sample in the rings of the noise model and of the residual's 
 """
 
 from replant.kernels import schema as at
+from replant.kernels.filters import autoregressions, chain
 from replant.kernels.filters import bank as bk
-from replant.kernels.filters import chain, whitening
 from replant.kernels.lanes import if_at_most, if_less
 from replant.kernels.monitoring import interruptions, outliers, scatter
 from replant.kernels.native import inlined
@@ -92,9 +92,9 @@ def examine(s, beside, modelled, error, y):
 
 @inlined
 def whiten(s, beside, place, target, filters):
-    """Keep the newest row, and filter it where a noise model ``filters``; return its target: `whitening.filter_row`."""
+    """Keep the newest row, and filter it where a noise model ``filters``; return its target."""
     noise, phi, zeta, T = s.noise, s.phi, s.zeta, s.entries
-    row, earlier = noise.rows[place], whitening.earlier_rows(noise, place)
+    row, earlier = noise.rows[place], autoregressions.earlier_rows(noise, place)
     for i in range(T):
         row[i] = phi[i]
         row[T + i] = zeta[i]
@@ -104,10 +104,10 @@ def whiten(s, beside, place, target, filters):
     # the weight is 0 for members whose noise model does not filter
     weight, d = beside[WEIGHT], (beside[MODEL], beside[MODEL + 1], beside[MODEL + 2], beside[MODEL + 3])
     for i in range(T):
-        phi[i] = if_less(0.0, weight, weight * whitening.white(row, earlier, d, i), phi[i])
+        phi[i] = if_less(0.0, weight, weight * autoregressions.white(row, earlier, d, i), phi[i])
     for i in range(T):
-        zeta[i] = if_less(0.0, weight, weight * whitening.white(row, earlier, d, T + i), zeta[i])
-    return if_less(0.0, weight, weight * whitening.white(row, earlier, d, 2 * T), target)
+        zeta[i] = if_less(0.0, weight, weight * autoregressions.white(row, earlier, d, T + i), zeta[i])
+    return if_less(0.0, weight, weight * autoregressions.white(row, earlier, d, 2 * T), target)
 
 
 @inlined
@@ -183,7 +183,7 @@ def take(s, models, beside, places, companion, how, u, y):
         target = whiten(s, beside, places[0], target, filters)
         white = outliers.equation_error(s, target)
         unless_at_most(beside, newest_alpha, beside[ANEW])
-        whitening.add_residuals(s.noise, places[0], s.theta, s.work, s.settings[0])
+        autoregressions.add_residuals(s.noise, places[0], s.theta, s.work, s.settings[0])
     for i in range(s.entries):
         companion[i] = s.zeta[i]
     companion[s.entries] = target

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from replant.kernels import schema as at
-from replant.kernels.filters import chain, reference, whitening
+from replant.kernels.filters import autoregressions, chain, reference
 from replant.kernels.monitoring import interruptions, outliers, scatter
 from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Kernel, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance, gradient
@@ -132,7 +132,7 @@ def take_covariance(s, u, y, t, r):
         stages.keep_guarded_sample(s, u, y, interval)
     s.samples += 1
     if s.has_noise_model:
-        target = whitening.whiten(s, target, interval)
+        target = autoregressions.whiten(s, target, interval)
     error = s.error
     if s.has_noise_model and s.doubt == Doubt.NONE:
         error = outliers.equation_error(s, target)
@@ -141,7 +141,7 @@ def take_covariance(s, u, y, t, r):
         s.rested += 1
     elif s.doubt == Doubt.NONE and outliers.is_calm(s):
         if s.has_noise_model and not outliers.begins_anew(s):
-            whitening.record(s)
+            autoregressions.record(s)
         stages.update_estimate(s, target, interval, covariance.learn)
         if s.coloured and not outliers.begins_anew(s):
             record_residual(s, error)

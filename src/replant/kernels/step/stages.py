@@ -1,6 +1,6 @@
 """The stages of one sample that all variants of the step kernel share: checks, the update, the samples kept.
 
-`regressors` runs the chain of filters alone over a record.
+`regressors` runs the chain of filters alone over a record; `unroll` and `variance` read the samples kept, as a whole.
 """
 
 import math
@@ -8,14 +8,14 @@ import math
 import numpy as np
 
 from replant.kernels import schema as at
+from replant.kernels.filters import autoregressions, chain
 from replant.kernels.filters import bank as bk
-from replant.kernels.filters import chain, whitening
 from replant.kernels.lanes import copy
 from replant.kernels.monitoring import scatter
 from replant.kernels.native import LAID_OUT, Matrix, Reals, in_turn, inlined, kernel
 from replant.kernels.optimizers.gradient import telling_part
 from replant.kernels.optimizers.memory import draw_below
-from replant.kernels.schema import Doubt, StateSlots
+from replant.kernels.schema import DOUBTED, INPUT, OUTPUT, STEP, Doubt, StateSlots
 
 # the oldest of the four kept is then three to four steps old: a quarter to a third of all samples, and later three to
 # four times PAST_STEP, are held out from it
@@ -218,7 +218,7 @@ def renew_model(s):
     """If due, make the newest estimate the auxiliary model, and renew the noise models with it."""
     if chain.renew_model(s):
         if s.has_noise_model:
-            whitening.renew(s)
+            autoregressions.renew(s)
         if s.coloured:
             scatter.autoregression(s.colour.covariances, s.colour.model, s.work)
 
@@ -278,3 +278,39 @@ def regressors(
             target[k] = np.nan
             for i in range(T):
                 phi[k, i] = np.nan
+
+
+def place_of(ring, end, rows, i):
+    """Return the place of the i-th of the newest ``rows`` rows, which end before ``end``."""
+    k = end - rows + i
+    return k if k >= 0 else k + ring.shape[0]
+
+
+@kernel("ring.shape[0] >= u.size and 0 <= end <= ring.shape[0] and y.size == u.size and ring.shape[1] > STEP")
+def unroll(ring: Matrix, end: int, dt: float, u: Reals, y: Reals):
+    """Write the newest inputs and outputs (K,) of a ring, oldest first, up to the row before ``end``.
+
+    Return how many of them came after another interval than ``dt``, or without an output.
+    """
+    odd = 0
+    for i in range(u.size):
+        k = place_of(ring, end, u.size, i)
+        u[i], y[i] = ring[k, INPUT], ring[k, OUTPUT]
+        if not math.isfinite(y[i]) or (i > 0 and ring[k, STEP] != dt):
+            odd += 1
+        elif ring.shape[1] > DOUBTED and ring[k, DOUBTED] == Doubt.MISSING:
+            odd += 1
+    return odd
+
+
+@kernel("0 < rows <= ring.shape[0] and 0 <= end <= ring.shape[0] and 0 <= column < ring.shape[1]")
+def variance(ring: Matrix, end: int, rows: int, column: int):
+    """Return the variance of a column in the newest rows of a ring, up to that before ``end``."""
+    mean, total = 0.0, 0.0
+    for i in range(rows):
+        mean += ring[place_of(ring, end, rows, i), column]
+    mean /= rows
+    for i in range(rows):
+        away = ring[place_of(ring, end, rows, i), column] - mean
+        total += away * away
+    return total / rows

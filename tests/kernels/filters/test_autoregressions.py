@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.kernels.filters.whitening import filter_row
+from replant.kernels.filters.autoregressions import filter_row
 from replant.kernels.schema import FIXED, LAGS, NoiseSlots
 from support.cases import every
 

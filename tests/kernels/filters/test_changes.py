@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.kernels.monitoring.changes import since_each
+from replant.kernels.filters.sums import since_each
 from replant.numerics.linear_algebra import sums_of_products
 from support.cases import every
 
