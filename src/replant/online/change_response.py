@@ -57,7 +57,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     from replant.kernels.monitoring import outliers
 
     if old.alarm == Alarm.NONE or not tells_of_changes(old, settings):  # the residual is as usual again
-        return old, 0
+        return old, _after_noise(old)
     length = old.samples - _began(old)
     later = old.samples + max(math.ceil((AGAIN - 1.0) * length), SOONEST)
     kept, first = kept_since(old, max(old.gap_at, old.record_began, old.changed_at))
@@ -99,6 +99,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
             old.usual_variance = max(old.usual_variance, lag * old.late_variance)
             old.usual_innovation = max(old.usual_innovation, lag * old.late_innovation)
             old.cusum_limit = min(2.0 * old.cusum_limit, outliers.LARGEST_LIMIT)
+            # noise that does not last as long again is not the usual one; then the recent variance has followed it
+            return old, old.samples + max(length, round(1.0 / outliers.SHORT))
         return old, 0
     if found.supposition is Supposition.CUT:
         old.alarm = Alarm.FLOATS
@@ -305,6 +307,17 @@ def gap_before(state: State) -> int:
 def _end(state: State) -> None:
     """End an alarm."""
     state.alarm, state.change_began, state.cusum = Alarm.NONE, state.samples, 0.0
+
+
+def _after_noise(state: State) -> int:
+    """Take the recent variance as the usual one if noise is over; return the samples at which to look again, or 0."""
+    from replant.kernels.monitoring import outliers
+
+    is_over = outliers.GROWN * state.late_variance < state.usual_variance
+    if is_over:  # the recent variance is still falling
+        state.usual_variance = state.late_variance
+        state.usual_innovation = min(state.usual_innovation, state.late_innovation)
+    return state.samples + round(1.0 / outliers.SHORT) if is_over else 0
 
 
 def _began(state: State) -> int:

@@ -19,7 +19,7 @@ from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
 from replant.estimation.simulation.model_run import prediction_error, runs_away
-from replant.estimation.solver.change_contest import decided, is_sure
+from replant.estimation.solver.change_contest import Claim, decided, is_sure
 from replant.estimation.solver.change_search import begin_of_change, change_at, change_within
 from replant.estimation.solver.record_changes import Parted
 from replant.estimation.solver.solve import Solution, solve
@@ -96,18 +96,9 @@ def next_revision(state: State, settings: Settings, most: int) -> int:
 @quiet
 def reconsider(old: State, settings: Settings) -> State | None:
     """Return the state after the last change is decided on again; None if nothing new is decided."""
-    if (
-        old.alarm
-        or old.gap_at > old.changed_at
-        or not (old.adapt and remembers_since_change(old, settings))
-        or is_at_rest(old)
-    ):
+    if old.alarm or not old.adapt or is_at_rest(old):
         return None
-    contest = since_change(old, settings)
-    if contest is None:
-        return None
-    claims = contest.claims(again=True)
-    claims += of_whole(old, settings, contest, gap_before(old), claims) if claims else []
+    claims = _claims_again(old, settings)
     found = decided(claims)
     if found is None:
         return None
@@ -116,6 +107,15 @@ def reconsider(old: State, settings: Settings) -> State | None:
         old.undecided = True
         return None
     return believed(old, settings, found, undecided=undecided)
+
+
+def _claims_again(old: State, settings: Settings) -> list[Claim]:
+    """Return the claims on the last change over all samples since; none if these are not all known."""
+    if old.gap_at > old.changed_at or not remembers_since_change(old, settings):
+        return []
+    contest = since_change(old, settings)
+    claims = [] if contest is None else contest.claims(again=True)
+    return [*claims, *of_whole(old, settings, contest, gap_before(old), claims)] if contest and claims else []
 
 
 @quiet
@@ -196,7 +196,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     found = None if record.r is not None else solve_parted(structure, solution, with_loads, [old.physical])
     new = None if found is None else _behind(old, settings, found)
     if new is None:
-        if old.change.is_of_plant and change_within(structure, solution.record, solution.found.theta[: structure.size]):
+        if old.change.is_of_plant and _has_changed(old, settings, solution):
             return None
         if _advantage(solution, settings, old.physical) < -SURELY:
             return None
@@ -211,6 +211,16 @@ def solve_whole(old: State, settings: Settings) -> State | None:
             new.undecided = True
             note_loads(new, rival.loads, len(kept))
     return new
+
+
+def _has_changed(old: State, settings: Settings, solution: Solution) -> bool:
+    """Return whether the last change of the plant stands, or shows in a solution of the whole record."""
+    claims = [] if old.alarm else _claims_again(old, settings)
+    again = decided(claims)
+    if again is not None and again.supposition.is_of_plant and is_sure(claims, again):
+        return True
+    structure = settings.structure
+    return change_within(structure, solution.record, solution.found.theta[: structure.size]) is not None
 
 
 def _behind(old: State, settings: Settings, parted: Parted[Solution | None]) -> State | None:

@@ -201,8 +201,9 @@ class Contest:
 
     @property
     def power(self) -> float:
-        """Mean square of the residual of the model from before in the samples since."""
-        return sum_of_squares(self.error) / max(self.count, 1)
+        """Mean square of the residual of the model from before in the newer half of the samples since."""
+        newer = slice(self.rows // 2, None)  # a burst of noise may be over
+        return sum_of_squares(self.error[newer]) / max(int(self.stretch.measured[newer].sum()), 1)
 
     def weighed(self, more: float) -> float:
         """Return the evidence in a log-likelihood gain by another G(s), see `change_evidence.weighed`."""
