@@ -10,7 +10,7 @@ import sys
 import tempfile
 import threading
 import webbrowser
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -28,8 +28,9 @@ from replant.live.progress import stop_on_signals
 from replant.logs.recording import digest
 from replant.numerics.operating_system import Worker, one_line
 from replant.workbench import tasks
-from replant.workbench.choices import text
+from replant.workbench.choices import Setup, text
 from replant.workbench.model_cards import Card, judged
+from replant.workbench.opened_log import with_role
 from replant.workbench.session import SUFFIX, Session, folder, newest_session, read, session_of, token
 
 POINTS = 1200  # default number of points of a curve [count]
@@ -140,14 +141,18 @@ def _safe(name: str) -> str:
     return name
 
 
+def _choice(change: Callable[..., Setup]) -> Callable[..., None]:
+    return lambda session, log, *given: session.choose(log, lambda opened: change(opened, *given))
+
+
 #: For each action of the pages the method of the session, and what the page gives it.
 ACTIONS: dict[str, tuple[Callable[..., list[str] | None], *tuple[str, ...]]] = {
     "activate": (Session.activate, "log"),
     "close": (Session.close_log, "log"),
-    "read-again": (Session.read_again, "log"),
-    "role": (Session.set_role, "log", "column", "role"),
-    "setup": (Session.set_up, "log", "setup"),
-    "stretch": (Session.set_stretch, "log", "kind", "before", "after"),
+    "read-again": (lambda session, log: session.log(log).read_again(), "log"),
+    "role": (_choice(with_role), "log", "column", "role"),
+    "setup": (_choice(lambda opened, given: opened.setup.changed(given)), "log", "setup"),
+    "stretch": (_choice(lambda opened, *given: opened.setup.with_stretch(*given)), "log", "kind", "before", "after"),
     "wish": (Session.set_wish, "log", "wish"),
     "fit": (Session.fit, "log", "wish"),
     "stop": (Session.stop, "card"),
@@ -284,25 +289,13 @@ def _routes(session: Session, hub: Hub) -> list[Route | WebSocketRoute]:
 
     return [
         WebSocketRoute("/live", partial(stream, hub)),
-        Route("/do/{name}", _told(act), methods=["POST"]),
-        Route("/logs", _told(upload), methods=["POST"]),
-        Route("/ask/{name}", _told(ask)),
-        Route("/models/{name}/model.json", _told(model)),
-        Route("/models/{name}/report", _told(report), methods=["POST"]),
-        Route("/session", _told(kept)),
+        Route("/do/{name}", act, methods=["POST"]),
+        Route("/logs", upload, methods=["POST"]),
+        Route("/ask/{name}", ask),
+        Route("/models/{name}/model.json", model),
+        Route("/models/{name}/report", report, methods=["POST"]),
+        Route("/session", kept),
     ]
-
-
-def _told(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
-    """Turn ReplantError into an answer of one line."""
-
-    async def answered(request: Request) -> Response:
-        try:
-            return await answer(request)
-        except ReplantError as error:
-            return PlainTextResponse(f"{error}\n", 409)
-
-    return answered
 
 
 async def _body(request: Request) -> dict[str, Any]:

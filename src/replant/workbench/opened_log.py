@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from replant.errors import ReplantError
+from replant.errors import InvalidArgumentError, ReplantError
 from replant.numerics.operating_system import Worker, one_line
 from replant.workbench import tasks
 from replant.workbench.choices import Setup, Wish
@@ -177,7 +177,9 @@ def guessed(setup: Setup, look: dict[str, Any]) -> Setup:
 
 
 def with_role(opened: Opened, key: str, role: str) -> Setup:
-    """Return the setup of a log in which a column takes over a role."""
+    """Return the setup of a log in which a column takes over a role; "" for none."""
+    if role not in ("time", *ROLES, ""):
+        raise InvalidArgumentError("a column is time, input, output, reference or unused")
     setup = opened.setup
     for each in ROLES:
         if getattr(setup, each) == key:

@@ -18,7 +18,7 @@ from replant.errors import InvalidArgumentError, ReplantError, shown
 from replant.numerics.operating_system import one_line, reason_of, replacing
 from replant.workbench.choices import Setup, Wish, text, words_of
 from replant.workbench.model_cards import DONE, OPEN, ORDERS, Card, card_of, in_order, title_of
-from replant.workbench.opened_log import BROKEN, Opened, with_role
+from replant.workbench.opened_log import BROKEN, Opened
 from replant.workbench.tasks import Jobs, Work
 
 SUFFIX = ".workbench"
@@ -148,25 +148,7 @@ class Session:
             if self.active == log:
                 self.active = next(reversed(self.logs), "")
 
-    def read_again(self, log: str) -> None:
-        """Read the file of a log again."""
-        self.log(log).read_again()
-
-    def set_role(self, log: str, column: str, role: str) -> None:
-        """Have a column take over a role."""
-        if role not in ("time", "input", "output", "reference", ""):
-            raise InvalidArgumentError("a column is time, input, output, reference or unused")
-        self._choose(log, lambda opened: with_role(opened, column, role))
-
-    def set_up(self, log: str, setup: dict[str, Any]) -> None:
-        """Change fields of the setup of a log."""
-        self._choose(log, lambda opened: opened.setup.changed(setup))
-
-    def set_stretch(self, log: str, kind: str, before: Any, after: Any) -> None:
-        """Change a stretch of time of a log, see `Setup.with_stretch`."""
-        self._choose(log, lambda opened: opened.setup.with_stretch(kind, before, after))
-
-    def _choose(self, name: str, change: Callable[[Opened], Setup]) -> None:
+    def choose(self, name: str, change: Callable[[Opened], Setup]) -> None:
         """Change the setup of a log; inspect the log again if its roles or clock have changed."""
         with self.lock:
             log = self.log(name)

@@ -142,8 +142,13 @@ def page_app(
             Middleware(Guard, token=token, hosts=hosts),
             Middleware(GZipMiddleware, minimum_size=1024, compresslevel=4),
         ],
-        exception_handlers={Exception: _failed},
+        exception_handlers={ReplantError: _refused, Exception: _failed},
     )
+
+
+async def _refused(_: Request, error: Exception) -> Response:
+    """Answer a request that cannot be fulfilled with its reason, in one line."""
+    return PlainTextResponse(f"{error}\n", 409)
 
 
 async def _failed(_: Request, __: Exception) -> Response:
@@ -166,10 +171,7 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
         name = request.path_params["name"]
         if name not in COMMANDS:
             return PlainTextResponse(f"There is no command of that name: {', '.join(COMMANDS)}.\n", 404)
-        try:
-            hub.command(name)
-        except ReplantError as error:
-            return PlainTextResponse(f"{error}\n", 409)
+        hub.command(name)
         return Response(status_code=204)
 
     async def report(_: Request) -> Response:
