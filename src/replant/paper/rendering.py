@@ -354,7 +354,8 @@ def _actuator(actuator: Actuator | None, pictures: Mapping[str, str]) -> tuple[s
         return title, "".join(figures.values())
     headings, rows = summary_table(actuator)
     names = [_index(name) if name.startswith("J_") else Html(typeset(name)) for name in headings]
-    first = table(names, map(_emphasised, rows), ACTUATOR_TITLE, "table wide")
+    shown = (_cells(row, bold=row[0].startswith(DEFAULT)) for row in rows)
+    first = table(names, shown, ACTUATOR_TITLE, "table wide")
     claims = "".join(f"<p>{typeset(line)}</p>" for line in actuator_summary(actuator))
     more = "".join(
         f"<details><summary>{html.escape(name)}</summary>{table(heads, map(_cells, lines), name, 'table wide')}"
@@ -367,16 +368,9 @@ def _actuator(actuator: Actuator | None, pictures: Mapping[str, str]) -> tuple[s
     return title, "".join([*body, *figures.values()])
 
 
-def _cells(row: Sequence[str]) -> list[str]:
+def _cells(row: Sequence[str], *, bold: bool = False) -> list[str]:
     """Return a row with its figures typeset."""
-    return [row[0], *(Html(typeset(cell)) for cell in row[1:])]
-
-
-def _emphasised(row: Sequence[str]) -> list[str]:
-    """Return a row, in bold for replant's default."""
-    if not row[0].startswith(DEFAULT):
-        return _cells(row)
-    return [Html(f"<b>{typeset(cell)}</b>") for cell in row]
+    return [Html(f"<b>{typeset(cell)}</b>" if bold else typeset(cell)) for cell in row]
 
 
 def typeset(text: str) -> str:

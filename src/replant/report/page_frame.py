@@ -95,14 +95,15 @@ def filled(name: str, fields: Mapping[str, str]) -> str:
     return Template(asset(name)).substitute(fields)
 
 
-def page(
-    *, title: str, eyebrow: str, lede: str, body: str, css: str = "", data: Any = None, scripts: Sequence[str] = ()
-) -> str:
-    """Return a self-contained page with ``data`` for its scripts."""
-    parts = [text.replace("</script", "<\\/script") for text in scripts]
+def write_page(
+    path: Path, *, title: str, eyebrow: str, lede: str, body: str, css: str = "", data: Any = None,
+    scripts: Sequence[str] = (),
+) -> Path:  # fmt: skip
+    """Write a page with ``data`` for its scripts into one self-contained file, and return its path."""
     told = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     given = f'<script type="application/json" id="data">{told}</script>\n' if scripts else ""
-    fields = {
+    parts = [text.replace("</script", "<\\/script") for text in scripts]
+    text = filled("page.html", {
         "title": html.escape(title),
         "heading": heading(title),
         "eyebrow": html.escape(eyebrow),
@@ -112,13 +113,7 @@ def page(
         "policy": "script-src 'unsafe-inline';" if scripts else "",
         "scripts": given + "".join(f"<script>\n{text}</script>\n" for text in parts),
         "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
-    }
-    return filled("page.html", fields)
-
-
-def write_page(path: Path, **parts: Any) -> Path:
-    """Write a page into one self-contained file, and return its path."""
-    text = page(**parts)
+    })  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8", errors="backslashreplace")  # a file name may be no text
     return path
