@@ -18,7 +18,7 @@ from replant.workbench.drawn_samples import (
     doubts,
     thinned,
 )
-from replant.workbench.tasks import conditioned, look
+from replant.workbench.tasks import Excerpt, conditioned, look
 from support.cases import every
 
 
@@ -107,5 +107,6 @@ def test_a_decimated_log_is_drawn_at_its_times_in_the_file(tmp_path: Path, stamp
     path = tmp_path / "log.csv"
     path.write_text("t,u,y\n" + "".join(f"{0.1 * k:.1f},{k % 7},{0.1 * k:.1f}\n" for k in range(500)))
     clock = {"time": "t"} if stamped else {"dt": 0.1}
-    drawn = conditioned(str(path), Setup("u", "y", decimate=4, **clock), 0.0, None, 1000)["signals"]["output"]
+    shown = Excerpt(str(path), 0.0, Setup("u", "y", decimate=4, **clock), None, None, 1000)
+    drawn = conditioned(shown)["signals"]["output"]
     np.testing.assert_allclose(drawn["t"], drawn["low"], atol=1e-3)

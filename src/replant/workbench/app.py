@@ -12,6 +12,7 @@ import threading
 import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -62,26 +63,27 @@ def signals(session: Session, asked: Asked) -> dict[str, Any]:
     return session.log(asked.get("log", "")).drawn(_between(asked), _points(asked))
 
 
-def conditioned(session: Session, asked: Asked) -> dict[str, Any]:
-    """Return the conditioned input and output."""
+def _excerpt(session: Session, asked: Asked) -> tasks.Excerpt:
     log = session.log(asked.get("log", ""))
     log.setup.check()
-    return session.work.do(tasks.conditioned, str(log.path), log.setup, log.modified, _between(asked), _points(asked))
+    number, stretches = asked.get("part", ""), log.setup.validate_on
+    part = stretches[int(number)] if number.isdecimal() and int(number) < len(stretches) else None  # all of the log
+    setup = replace(log.setup, use=(), leave_out=(), validate_on=())
+    return tasks.Excerpt(str(log.path), log.modified, setup, part, _between(asked), _points(asked))
+
+
+def conditioned(session: Session, asked: Asked) -> dict[str, Any]:
+    """Return the conditioned input and output."""
+    return session.work.do(tasks.conditioned, _excerpt(session, asked))
 
 
 def compared(session: Session, asked: Asked) -> dict[str, Any]:
     """Return the outputs of the compared models, and the measured output, for a part of a log."""
-    log = session.log(asked.get("log", ""))
-    log.setup.check()
-    models = _models(session)
-    number, stretches = asked.get("part", ""), log.setup.validate_on
-    part = stretches[int(number)] if number.isdecimal() and int(number) < len(stretches) else None  # all of the log
-    found = session.work.do(
-        tasks.compared, models, str(log.path), log.setup, part, log.modified, _between(asked), _points(asked)
-    )
+    excerpt = _excerpt(session, asked)
+    found = session.work.do(tasks.compared, _models(session), excerpt)
     for name, each in found["models"].items():
         card = session.card(name)
-        is_unseen = card.path != log.path or part in card.setup.validate_on
+        is_unseen = str(card.path) != excerpt.path or excerpt.part in card.setup.validate_on
         if "verdict" in each:  # on its own samples a model keeps its verdict: a validation assumes unseen samples
             each["verdict"] = judged(each["verdict"] if is_unseen else card.found["verdict"])
     return found

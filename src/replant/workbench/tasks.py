@@ -16,7 +16,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from multiprocessing import active_children
 from pathlib import Path
@@ -92,12 +92,33 @@ def _log(path: str, setup: Setup, part: Stretch | None, _: float) -> Log:
     return replace(log, input_hold="foh" if setup.decimate else "zoh")
 
 
-def conditioned(
-    path: str, setup: Setup, changed: float, between: tuple[float, float] | None, points: int
-) -> dict[str, Any]:
-    """Return the conditioned input and output, between two times in s or whole."""
-    log, t, rows = _part(path, _uncut(setup), None, changed, between)
-    drawn = {name: thinned(t, signal, rows, points) for name, signal in (("input", log.input), ("output", log.output))}
+@dataclass(frozen=True)
+class Excerpt:
+    """What plots show of a log."""
+
+    path: str
+    modified: float  # when the file was
+    setup: Setup  # without stretches of time
+    part: Stretch | None  # the part that models are validated on; None: all
+    between: tuple[float, float] | None  # the times shown in s; None: all
+    points: int  # most points of a curve
+
+    def read(self) -> tuple[Log, FloatArray, slice]:
+        """Return the part of the log, its times in s from the first row of the file, and which rows are shown."""
+        log = _log(self.path, self.setup, self.part, self.modified)
+        t = np.asarray(log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0], np.float64)
+        t = t + (log.begin or 0.0)  # of the part, and of what decimation leaves out
+        if self.between is None:
+            return log, t, slice(0, t.size)
+        first, last = np.searchsorted(t, self.between).tolist()
+        return log, t, slice(max(0, first - 1), min(t.size, last + 1))
+
+
+def conditioned(shown: Excerpt) -> dict[str, Any]:
+    """Return the conditioned input and output."""
+    log, t, rows = shown.read()
+    signals = {"input": log.input, "output": log.output}
+    drawn = {name: thinned(t, signal, rows, shown.points) for name, signal in signals.items()}
     return {"signals": drawn, "samples": len(log), "dt": log.dt}
 
 
@@ -106,18 +127,9 @@ def _validation(model: str, path: str, setup: Setup, part: Stretch | None, chang
     return Model.from_json(model).validate(_log(path, setup, part, changed))
 
 
-def compared(
-    models: dict[str, str],
-    path: str,
-    setup: Setup,
-    part: Stretch | None,
-    changed: float,
-    between: tuple[float, float] | None,
-    points: int,
-) -> dict[str, Any]:
-    """Return outputs of models and the measured output for a part of a log; ``between`` limits the time shown."""
-    plain = _uncut(setup)
-    log, t, rows = _part(path, plain, part, changed, between)
+def compared(models: dict[str, str], shown: Excerpt) -> dict[str, Any]:
+    """Return outputs of models and the measured output."""
+    (log, t, rows), points = shown.read(), shown.points
     found: dict[str, Any] = {
         "all": [float(t[0]), float(t[-1])],
         "measured": thinned(t, log.output, rows, points),
@@ -126,7 +138,7 @@ def compared(
     }
     for name, written in models.items():
         try:
-            validation = _validation(written, path, plain, part, changed)
+            validation = _validation(written, shown.path, shown.setup, shown.part, shown.modified)
             found["models"][name] = _beside(validation, t, rows, points)
         except Exception as error:  # a failure of one model must not hide the others
             found["models"][name] = {"failed": reason_of(error)}
@@ -192,24 +204,6 @@ def _twice(std: FloatArray | None, size: int) -> FloatArray:
 
 def _complex(value: complex) -> dict[str, float | None]:
     return {"real": finite(value.real), "imag": finite(value.imag)}
-
-
-def _uncut(setup: Setup) -> Setup:
-    """Return a setup without its stretches of time."""
-    return replace(setup, use=(), leave_out=(), validate_on=())
-
-
-def _part(
-    path: str, setup: Setup, part: Stretch | None, changed: float, between: tuple[float, float] | None
-) -> tuple[Log, FloatArray, slice]:
-    """Return a part of a log, its times in s from the first row of the file, and which of its rows are shown."""
-    log = _log(path, setup, part, changed)
-    t = np.asarray(log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0], np.float64)
-    t = t + (log.begin or 0.0)  # of the part, and of what decimation leaves out
-    if between is None:
-        return log, t, slice(0, t.size)
-    first, last = np.searchsorted(t, between).tolist()
-    return log, t, slice(max(0, first - 1), min(t.size, last + 1))
 
 
 class Work:
