@@ -30,7 +30,7 @@ from replant.logs.sampling_time import (
     time_columns,
 )
 from replant.logs.table import Arrays, Table, in_parts, listed, repeated_rows
-from replant.numerics.arguments import FloatArray, is_frame, iterable
+from replant.numerics.arguments import is_frame, iterable
 from replant.numerics.limits import file_path
 
 _ROLES = {"input": "an input", "output": "the output", "reference": "a reference"}
@@ -175,8 +175,43 @@ def open_recording(
     if time is not None and dt is not None:
         raise InvalidArgumentError("give either the time column (time, --time) or the sampling time (dt, --dt)")
     step = None if dt is None else check_dt(dt)
-    keys = _columns_by_role(input, output, reference)
-    table = path if isinstance(path, Table) else read_columns(path)
+    keys = columns_by_role(input, output, reference)
+    table, roles, step = _on_its_clock(path if isinstance(path, Table) else read_columns(path), keys, time, step)
+    if begin is not None or end is not None:
+        table = part_of(table, begin, end, dt=step, time=roles.get("time"))
+    table, arrays = _checked_columns(table, roles, most_held, progress)
+    irregularity, unit, doubt = "", StampUnit(1.0), ""
+    if "time" in roles:
+        stamps = arrays[-1]
+        unit = checked_unit(table, roles["time"], stamps)
+        interval, irregularity = interval_of(table, roles["time"], stamps)
+        doubt = f"column {table.names[roles['time']]!r}: {unit.doubt}; {unit.remedy}" if unit.doubt else ""
+        step = float(f"{interval * unit.seconds:.12g}")
+    assert step is not None
+    columns = tuple(roles[role] for role in keys if role in _ROLES)
+    further = {role: table.names[roles[role]] for role in keys if role not in _ROLES}
+    others = dict(zip(further.values(), arrays[len(columns) : len(keys)], strict=True))
+    arrays, rows = [*arrays[: len(columns)], *arrays[len(keys) :]], arrays[0].size
+    complete = all(np.isfinite(part).all() for parts in in_parts(arrays[: len(columns)]) for part in parts)
+    recording = Recording(
+        table, columns, arrays, step, roles.get("time"), rows, complete, None, begin, end, irregularity, unit.seconds,
+        doubt,
+    )  # fmt: skip
+    if rows > most_held and not others:
+        return recording
+    log = replace(
+        recording.newest(*arrays[:2]),
+        others=others,
+        more_inputs=tuple(name for role, name in further.items() if role.startswith("input")),
+        more_references=tuple(name for role, name in further.items() if role.startswith("reference")),
+    )
+    return replace(recording, held=log)
+
+
+def _on_its_clock(
+    table: Table, keys: dict[str, Any], time: str | int | None, step: float | None
+) -> tuple[Table, dict[str, int], float | None]:
+    """Return the table of columns on one clock, their numbers by role, and the sampling time if it is no column."""
     roles = {role: table.find(key) for role, key in keys.items()}
     if time is not None:
         roles["time"] = table.find(time)
@@ -188,62 +223,35 @@ def open_recording(
         else:
             roles["time"] = _find_time(table, roles)
     merged = written_apart(table, roles, step)
-    if merged is not None:
-        (table, roles), step = merged, None
-    if begin is not None or end is not None:
-        table = part_of(table, begin, end, dt=step, time=roles.get("time"))
+    return (table, roles, step) if merged is None else (*merged, None)
+
+
+def _checked_columns(
+    table: Table, roles: dict[str, int], most_held: int, progress: Callable[[int, int], None]
+) -> tuple[Table, Arrays]:
+    """Read columns of one length, without rows that repeat the previous one; each signal must have a number."""
     arrays = table.columns(list(roles.values()), most_held, progress)
-    _check_rows(table, roles, arrays)
-    if "time" in roles:
-        table, arrays = _without_repeats(table, arrays)
-    rows = arrays[0].size
+    (first, *_), rows = roles.values(), arrays[0].size
+    for number, column in zip(roles.values(), arrays, strict=True):
+        if column.size != rows:
+            other = f"{shown(table.names[number])} has {column.size}"
+            raise table.error(first, f" has {rows} samples but {other}; choose columns of one length")
+    if rows < 2:
+        counted = "1 row" if rows == 1 else f"{rows} rows"
+        raise LogError(f"{table.path}: {counted} of data, at least 2 are needed; record more samples")
+    if "time" in roles and (repeated := repeated_rows(arrays[-1], arrays[:-1])).size:
+        table, arrays = with_repeats_noted(table, repeated.size), [np.delete(each, repeated) for each in arrays]
     for (role, number), column in zip(roles.items(), arrays, strict=True):
         if role != "time" and not any(np.isfinite(part).any() for (part,) in in_parts([column])):
             raise table.error(
                 number,
-                f" has no number in {rows:,} rows; choose another column as the {role.split()[0]}, or record the log "
-                "again",
+                f" has no number in {column.size:,} rows; choose another column as the {role.split()[0]}, or record "
+                "the log again",
             )
-    irregularity, unit, doubt = "", StampUnit(1.0), ""
-    if "time" in roles:
-        stamps = arrays[-1]
-        unit = checked_unit(table, roles["time"], stamps)
-        interval, irregularity = interval_of(table, roles["time"], stamps)
-        doubt = f"column {table.names[roles['time']]!r}: {unit.doubt}; {unit.remedy}" if unit.doubt else ""
-        step = float(f"{interval * unit.seconds:.12g}")
-    assert step is not None
-    columns = tuple(roles[role] for role in keys if role in _ROLES)
-    others = dict(zip([role for role in keys if role not in _ROLES], arrays[len(columns) : len(keys)], strict=True))
-    arrays = [*arrays[: len(columns)], *arrays[len(keys) :]]
-    complete = all(np.isfinite(part).all() for parts in in_parts(arrays[: len(columns)]) for part in parts)
-    recording = Recording(
-        table,
-        columns,
-        arrays,
-        step,
-        roles.get("time"),
-        rows,
-        complete,
-        None,
-        begin,
-        end,
-        irregularity,
-        unit.seconds,
-        doubt,
-    )
-    if rows > most_held and not others:
-        return recording
-    names = {role: table.names[roles[role]] for role in others}
-    log = replace(
-        recording.newest(*arrays[:2]),
-        others={names[role]: signal for role, signal in others.items()},
-        more_inputs=tuple(name for role, name in names.items() if role.startswith("input")),
-        more_references=tuple(name for role, name in names.items() if role.startswith("reference")),
-    )
-    return replace(recording, held=log)
+    return table, arrays
 
 
-def _columns_by_role(inputs: Any, output: str | int, references: Any) -> dict[str, Any]:
+def columns_by_role(inputs: Any, output: str | int, references: Any) -> dict[str, Any]:
     """Return the column of each role; further inputs and references, "input 2" and so on, come last."""
     keys: dict[str, Any] = {"input": None, "output": output}
     further: dict[str, Any] = {}
@@ -258,31 +266,11 @@ def _columns_by_role(inputs: Any, output: str | int, references: Any) -> dict[st
     return keys | further
 
 
-def _without_repeats(table: Table, arrays: Arrays) -> tuple[Table, Arrays]:
-    """Drop rows that repeat the previous one from columns, the last of which is the time; add a note to the table."""
-    repeated = repeated_rows(arrays[-1], arrays[:-1])
-    if not repeated.size:
-        return table, arrays
-    return with_repeats_noted(table, repeated.size), [np.delete(column, repeated) for column in arrays]
-
-
 def with_repeats_noted(table: Table, count: int) -> Table:
     """Return a table with a note on the rows that repeat the previous one."""
     what = "a row repeats" if count == 1 else f"{count:,} rows repeat"
     note = f"{table.path}: {what} the previous one, with the same time stamp; repetitions are left out"
     return replace(table, notes=(*table.notes, note))
-
-
-def _check_rows(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray]) -> None:
-    """Raise LogError unless all columns have the same number of rows, at least two."""
-    (first, *_), rows = roles.values(), arrays[0].size
-    for number, column in zip(roles.values(), arrays, strict=True):
-        if column.size != rows:
-            other = f"{shown(table.names[number])} has {column.size}"
-            raise table.error(first, f" has {rows} samples but {other}; choose columns of one length")
-    if rows < 2:
-        counted = "1 row" if rows == 1 else f"{rows} rows"
-        raise LogError(f"{table.path}: {counted} of data, at least 2 are needed; record more samples")
 
 
 def _check_distinct(table: Table, roles: dict[str, int]) -> None:

@@ -18,6 +18,7 @@ from replant.live.streams.reader_thread import Source
 from replant.live.streams.source import UY, Batch, Columns, Signals, together
 from replant.logs import read_columns
 from replant.logs.merged_channels import on_one_clock, written_apart
+from replant.logs.read import columns_by_role
 from replant.logs.sampling_time import FIRST, time_columns, unit_of_column
 from replant.model import state_space
 from replant.model.state_space import Response
@@ -68,41 +69,33 @@ class Played(Source):
 def open_replay(address: Address, columns: Columns, signals: Signals) -> Played:
     """Return the source of a log, ``log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0."""
     address.allow("input", "output", "reference", "time", "dt", "speed")
-    options = address.options
-    table = read_columns(Path(address.path))
+    options, table = address.options, read_columns(Path(address.path))
     speed, dt = speed_of(address, math.inf), address.number("dt")
     if dt is not None and "time" in options:
         raise InvalidArgumentError(f"{address.name}: give either time or dt")
     named = [table.find(options["time"])] if "time" in options else time_columns(table)
-    stamps = named[0] if len(named) == 1 and dt is None else None
-    keys = list(signals.names)
+    inputs, output = signals.inputs, signals.output
     if signals == UY:
-        keys = [options.get("input", "u"), options.get("output", "y")]
+        inputs, output = (options.get("input", "u"),), options.get("output", "y")
     elif {"input", "output"} & options.keys():
         raise InvalidArgumentError(f"{address.name}: name the signals in the address or with -i and -o, not both")
-    names = ["input", *(f"input {number}" for number in range(2, len(keys))), "output"]
-    if "reference" in options:
-        keys.append(options["reference"])
-        names.append("reference")
-    roles, is_timed = dict(zip(names, map(table.find, keys), strict=True)), dt is not None or "time" in options
-    if table.stamps is None and (stamps is not None or dt is not None):
-        merged = written_apart(table, roles if stamps is None else roles | {"time": stamps}, dt)
-    else:
-        merged = on_one_clock(table, roles, is_timed=is_timed)
-    if merged is not None:
-        table, roles = merged
-        stamps = roles.pop("time", stamps)
-    read = table.columns([*roles.values(), *([] if stamps is None else [stamps])])
+    keys = columns_by_role(inputs, output, options.get("reference"))
+    roles, is_timed = {role: table.find(key) for role, key in keys.items()}, dt is not None or "time" in options
+    if len(named) == 1 and dt is None and (is_timed or table.stamps is None):
+        roles["time"] = named[0]
+    merged = written_apart(table, roles, dt) if dt is not None or "time" in roles else None
+    table, roles = merged or on_one_clock(table, roles, is_timed=is_timed)
+    read = table.columns(list(roles.values()))
     rows = min(column.size for column in read)
-    of = dict(zip([*roles, "time"], (column[:rows] for column in read), strict=False))
+    of = dict(zip(roles, (column[:rows] for column in read), strict=True))
     u = together([column for role, column in of.items() if role.startswith("input")])
     record = Batch(u, of["output"], None, np.arange(rows), 0.0, of.get("reference"))
-    if stamps is None:
+    if "time" not in of:
         if dt is None and not math.isinf(speed):
             raise InvalidArgumentError(f"{address.name}: no time column found; add &time=COLUMN or &dt=SECONDS")
         elapsed = np.arange(rows, dtype=np.float64) * (dt or 0.0)
         return Played(address.name, speed, lambda last: [(record, elapsed)])
-    t = of["time"] * unit_of_column(table, stamps, of["time"][:FIRST]).seconds
+    t = of["time"] * unit_of_column(table, roles["time"], of["time"][:FIRST]).seconds
     kept = np.isfinite(t)
     elapsed = np.maximum.accumulate(t[kept]) - t[kept][:1]
     timed, refused = replace(record, t=t).select(kept), int(kept.size - kept.sum())
