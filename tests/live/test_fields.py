@@ -20,8 +20,8 @@ import pytest
 import replant as rp
 from replant.estimation.settings import Request
 from replant.live.streams import Batch
-from replant.live.streams.line_parser import MAGIC, LineSplitter, Parser
-from replant.live.streams.reader_thread import Source
+from replant.live.streams.line_parser import MAGIC, Parser
+from replant.live.streams.reader_thread import LineSplitter, Source
 from replant.live.streams.source import UY
 from support.builders import engine_state
 from support.cases import every

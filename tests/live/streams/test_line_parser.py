@@ -16,12 +16,11 @@ from hypothesis import strategies as st
 
 from replant.live.streams.line_parser import (
     FEW,
-    LONGEST,
     MAGIC,
-    LineSplitter,
     Parser,
     table_from_json,
 )
+from replant.live.streams.reader_thread import LONGEST, LineSplitter
 from replant.live.streams.source import Batch
 from replant.logs import read_columns
 from support.cases import every, examples

@@ -1,4 +1,4 @@
-"""The thread that reads samples, the bounded queue from it to the session, and the request to stop it."""
+"""The thread that reads samples, the lines of its stream, the queue from it to the session, and the request to stop."""
 
 from __future__ import annotations
 
@@ -55,6 +55,63 @@ class StopRequest:
         files = [self._sockets[0]] if file is None else [self._sockets[0], file]
         readable, _, _ = select.select(files, [], [], timeout)
         return bool(readable) and not self.requested
+
+
+LONGEST = 1 << 16  # longest line; a longer one is skipped [bytes]
+
+
+class LineSplitter:
+    """Splits one stream into lines."""
+
+    def __init__(self, counters: Counter[str], longest: int = LONGEST) -> None:
+        self._counters = counters
+        self._longest = longest
+        self._tail = b""
+        self._skipping = False  # whether bytes are skipped until the next line begins
+        self._midway = False  # whether the skipped line has not been counted yet
+
+    def split(self, data: bytes) -> bytes:
+        """Return the lines that ``data`` completes, each with its line end."""
+        if self._skipping:
+            skipped, end, data = data.partition(b"\n")
+            counted = self._midway and bool(skipped.strip())
+            if counted:
+                self._counters["cut off"] += 1
+            self._skipping = not end
+            self._midway = self._midway and not end and not counted
+        complete, end, tail = (self._tail + data).rpartition(b"\n")
+        if len(tail) > self._longest:
+            self._counters["too long"] += 1
+            self._skipping, tail = True, b""
+        self._tail = tail
+        return self._without_long(complete + end)
+
+    def _without_long(self, block: bytes) -> bytes:
+        if len(block) <= self._longest + 1:
+            return block
+        ends = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n"))
+        if np.diff(ends, prepend=-1).max() <= self._longest + 1:
+            return block
+        lines = [line + b"\n" for line in block[:-1].split(b"\n")]
+        kept = [line for line in lines if len(line) <= self._longest + 1]
+        self._counters["too long"] += len(lines) - len(kept)
+        return b"".join(kept)
+
+    def rest(self) -> bytes:
+        """Return the last line, which the end of the stream completes."""
+        tail, self._tail = self._tail, b""
+        return tail + b"\n" if tail.strip() else b""
+
+    def restart(self) -> None:
+        """Start again at the beginning of a line; an unfinished line is dropped and counted as "cut off"."""
+        if self._tail.strip():
+            self._counters["cut off"] += 1
+        self._tail, self._skipping, self._midway = b"", False, False
+
+    def restart_midway(self) -> None:
+        """Start again in the middle of a line; the rest of that line is skipped."""
+        self.restart()
+        self._skipping = self._midway = True
 
 
 CAPACITY = 1 << 17  # capacity of the queue: 0.6 s at 200,000 samples/s, 4 MB [samples]

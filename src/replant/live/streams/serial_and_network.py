@@ -17,8 +17,8 @@ from typing import Any
 
 from replant.errors import InvalidArgumentError, LogError
 from replant.live.streams.addresses import SCHEMES, Address
-from replant.live.streams.line_parser import LineSplitter, Parser
-from replant.live.streams.reader_thread import BACKOFF, Source
+from replant.live.streams.line_parser import Parser
+from replant.live.streams.reader_thread import BACKOFF, LineSplitter, Source
 from replant.live.streams.source import UY, Columns, Signals
 from replant.logs.table import needed
 from replant.numerics.operating_system import reason_of
