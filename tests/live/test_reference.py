@@ -63,7 +63,7 @@ def test_a_session_that_is_resumed_goes_on_with_it(tmp_path: Path) -> None:
         disk = DiskWriter(Notices(print))
         recorder = ParquetRecorder(tmp_path / "record", disk, go_on=go_on)
         identifier = loaded.identifier if loaded else None
-        progress = Progress.of(loaded.progress) if loaded else Progress()
+        progress = loaded.progress if loaded else Progress()
         source = FakeSource(U[part], Y[part], r=R[part])
         session, _ = make(source, path=path, identifier=identifier, progress=progress, recorder=recorder)
         session.run()
@@ -80,7 +80,7 @@ def test_a_source_that_has_one_no_more_or_has_one_now_is_refused(tmp_path: Path,
     loaded = resume(path, REQUEST)
     assert loaded is not None
     source = FakeSource(U, Y, r=None if first else R)
-    session, _ = make(source, path=path, identifier=loaded.identifier, progress=Progress.of(loaded.progress))
+    session, _ = make(source, path=path, identifier=loaded.identifier, progress=loaded.progress)
     with pytest.raises(InvalidArgumentError, match="give it with every sample, or with none"):
         session.run()
     assert path.read_bytes() == before

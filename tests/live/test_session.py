@@ -15,7 +15,6 @@ import pytest
 import replant as rp
 from replant.live.outputs.message import ENDED, UNKNOWN
 from replant.live.progress import Limits, Progress, resume
-from replant.live.session import _resumed
 from replant.live.streams.addresses import Address
 from replant.live.streams.serial_and_network import PipeSource
 from replant.online import saving
@@ -334,7 +333,7 @@ def test_a_record_has_a_checkpoint_from_its_first_sample_on(tmp_path: Path) -> N
     assert found == [0]
     loaded = resume(tmp_path / "cut", REQUEST)
     assert loaded is not None
-    progress = Progress.of(loaded.progress)
+    progress = loaded.progress
     session, _ = make(FakeSource(u, y), path=tmp_path / "cut", identifier=loaded.identifier, progress=progress)
     session.run()
     assert session.identifier.to_bytes() == learned(u, y, DT * np.arange(u.size))
@@ -346,7 +345,7 @@ def test_a_damaged_checkpoint_is_refused_with_what_to_do(before: bool, tmp_path:
     for each in (path, tmp_path / "rig.previous") if before else (path,):
         each.write_bytes(b"")
     with pytest.raises(rp.DamagedCheckpointError, match=r"it is empty.*; move .*rig.* away to start anew") as refused:
-        _resumed(path, REQUEST, background=False)
+        resume(path, REQUEST)
     assert ("its .previous" in str(refused.value)) == before
 
 
@@ -356,9 +355,7 @@ def test_counters_go_on_over_a_resumption(tmp_path: Path) -> None:
         loaded = resume(tmp_path / "rig", REQUEST)
         source = FakeSource(u, y)
         source.counters = {"lost": 2}
-        session, _ = make(
-            source, path=tmp_path / "rig", progress=Progress() if loaded is None else Progress.of(loaded.progress)
-        )
+        session, _ = make(source, path=tmp_path / "rig", progress=Progress() if loaded is None else loaded.progress)
         session.run()
         assert session.info.counters == {"lost": 2 * k}
 
@@ -371,7 +368,7 @@ def test_a_resumed_session_goes_on_to_the_bit_and_uses_no_sample_twice(tmp_path:
         loaded = resume(path, REQUEST)
         assert (loaded is None) == (taken == 0)
         arguments = {} if loaded is None else {
-            "identifier": loaded.identifier, "progress": Progress.of(loaded.progress)
+            "identifier": loaded.identifier, "progress": loaded.progress
         }  # fmt: skip
         session, _ = make(FakeSource(u, y, seed=limit), path=path, limits=Limits(samples=limit), **arguments)
         assert session.progress.taken == taken

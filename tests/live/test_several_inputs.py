@@ -90,7 +90,7 @@ def test_a_session_that_is_resumed_goes_on_to_the_bit_and_so_does_its_record(tmp
         session, _ = make(
             FakeSource(U[part], Y[part], t=T[part]), path=path, recorder=recorder,
             identifier=loaded.identifier if loaded else fresh(),
-            progress=Progress.of(loaded.progress) if loaded else Progress(),
+            progress=loaded.progress if loaded else Progress(),
         )  # fmt: skip
         session.run()
         disk.close()

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +20,12 @@ from replant.kernels.schema import FARTHEST, LEAP
 from replant.live.outputs.message import DiskWriter
 from replant.live.streams import Batch
 from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.limits import typed_path
 from replant.online.checkpoint_file import previous, write
 from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
 from replant.online.miso_samples import RowSettings
-from replant.online.saving import Loaded, load
+from replant.online.saving import load
 
 #: An identification of one input or of several, and its request.
 Identification = Identifier | RowIdentifier
@@ -236,13 +238,39 @@ def new_identification(request: AnyRequest, *, background: bool = False) -> Iden
     return Identifier(**vars(request), background=background)
 
 
-def resume(path: Path, request: AnyRequest) -> Loaded | None:
+class Resumed(NamedTuple):
+    """What a checkpoint keeps of a session, and messages about it for the user."""
+
+    progress: Progress
+    identifier: Identification
+    messages: list[str]
+
+
+def resume(path: Path, request: AnyRequest, *, background: bool = False) -> Resumed | None:
     """Load a checkpoint and check that it fits the request; return None if there is no checkpoint yet."""
+    if not path.absolute().parent.is_dir():
+        raise InvalidArgumentError(f"--checkpoint {path}: there is no folder {path.parent}; make it first")
     try:
         loaded = load(path)
+        progress = Progress.of(loaded.progress)
     except MissingCheckpointError:
         return None
-    identifier: Identification = loaded.identifier
+    except DamagedCheckpointError as error:
+        away = typed_path(path) if not previous(path).exists() else f"{typed_path(path)} and its .previous"
+        reason = str(error).removeprefix(f"{path}: ")
+        raise DamagedCheckpointError(f"{path}: {reason}; move {away} away to start anew") from error
+    _check_request(path, loaded.identifier, request)
+    if background and not loaded.identifier.background:
+        raise InvalidArgumentError(
+            f"--background: {path} was made without a second process; leave the option out, or begin anew"
+        )
+    before = f"replant: {loaded.used_previous}; the previous checkpoint is used instead" if loaded.used_previous else ""
+    messages = [before, f"replant: {path}: continuing after {progress.taken:,} samples"]
+    return Resumed(progress, loaded.identifier, [message for message in messages if message])
+
+
+def _check_request(path: Path, identifier: Identification, request: AnyRequest) -> None:
+    """Check that the identifier of a checkpoint was made for a request."""
     stored = getattr(identifier, "request", None)  # an identifier of several structures has none
     if type(stored) is not type(request):
         kinds = {Request: "one input", RowSettings: "several inputs"}
@@ -254,15 +282,11 @@ def resume(path: Path, request: AnyRequest) -> Loaded | None:
     for name, now in (request._asdict() if isinstance(request, RowSettings) else vars(request)).items():
         before = getattr(stored, name)
         if before != now:
+            was, is_now = ("; ".join(map(str, each)) if isinstance(each, tuple) else each for each in (before, now))
             raise InvalidArgumentError(
-                f"{path}: the checkpoint was made with {name} {_in_words(before)}, and {_in_words(now)} is requested "
-                f"now; give the same options, or move {path} away to start anew"
+                f"{path}: the checkpoint was made with {name} {was}, and {is_now} is requested now; give the same "
+                f"options, or move {path} away to start anew"
             )
-    return loaded
-
-
-def _in_words(setting: object) -> str:
-    return "; ".join(map(str, setting)) if isinstance(setting, tuple) else str(setting)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from replant.errors import CheckpointError, DamagedCheckpointError, InvalidArgumentError, LogError, SystemRefusedError
+from replant.errors import CheckpointError, InvalidArgumentError, LogError, SystemRefusedError
 from replant.live.judge_client import Observer
 from replant.live.judge_process import DashboardAddress, ObserverOptions
 from replant.live.make_view import EstimateHistory, make_view
@@ -46,9 +46,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.limits import typed_path
 from replant.numerics.operating_system import alone, refusal
-from replant.online.checkpoint_file import previous
 from replant.online.identifier import Identifier
-from replant.online.saving import Loaded
 from replant.verdict.estimate_tests import MOVED_SIGMAS
 
 PATIENCE = 1.0  # time without a sample after which the first refused line is shown [s]
@@ -352,7 +350,7 @@ def run(
     with ExitStack() as opened:
         for path in filter(None, (checkpoint, record)):
             opened.enter_context(alone(path))
-        resumed = None if checkpoint is None else _resumed(checkpoint, request, background=background)
+        resumed = None if checkpoint is None else resume(checkpoint, request, background=background)
         progress, identifier, messages = resumed or (Progress(), new_identification(request, background=background), [])
         stream = open_source(source, columns)
         opened.callback(stream.close)
@@ -398,32 +396,3 @@ def run(
     view = observer.last or make_view(session.identifier, session.info, EstimateHistory(len(session.identifier.names)))
     Console(stderr="-" in sinks).print(render(view, truth, running=False))
     return reached
-
-
-def _resumed(path: Path, request: AnyRequest, *, background: bool) -> tuple[Progress, Identification, list[str]] | None:
-    """Return progress, identifier and messages for the user from a checkpoint; None if there is no checkpoint yet."""
-    if not path.absolute().parent.is_dir():
-        raise InvalidArgumentError(f"--checkpoint {path}: there is no folder {path.parent}; make it first")
-    try:
-        loaded = resume(path, request)
-        if loaded is None:
-            return None
-        progress = _progress_in(loaded, path)
-    except DamagedCheckpointError as error:
-        away = typed_path(path) if not previous(path).exists() else f"{typed_path(path)} and its .previous"
-        raise DamagedCheckpointError(f"{error}; move {away} away to start anew") from error
-    if background and not loaded.identifier.background:
-        raise InvalidArgumentError(
-            f"--background: {path} was made without a second process; leave the option out, or begin anew"
-        )
-    messages = [f"replant: {path}: continuing after {progress.taken:,} samples"]
-    if loaded.used_previous:
-        messages.insert(0, f"replant: {loaded.used_previous}; the previous checkpoint is used instead")
-    return progress, loaded.identifier, messages
-
-
-def _progress_in(loaded: Loaded, path: Path) -> Progress:
-    try:
-        return Progress.of(loaded.progress)
-    except DamagedCheckpointError as error:
-        raise DamagedCheckpointError(f"{path}: {error}") from error

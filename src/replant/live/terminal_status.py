@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ReplantError
+from replant.fitting.miso_fit import RowFit
 from replant.live.progress import Identification
 from replant.live.view import View
 from replant.logs import Log
@@ -156,34 +157,22 @@ def _lost(view: View) -> str:
 
 def report_of(identifier: Identification, view: View) -> bytes:
     """Return the HTML report of an identifier."""
+    from replant.report.result_page import write_report
+
+    of = _of_several(identifier, view) if isinstance(identifier, RowIdentifier) else _of_one(identifier, view)
+    if of is None:
+        raise ReplantError("there is no model to report on yet")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "report.html")
-        if isinstance(identifier, RowIdentifier):
-            _write_row(path, identifier, view)
-        else:
-            _write(path, identifier, view)
+        write_report(path, *of, command=f"live {view.source}")
         return path.read_bytes()
 
 
-def _write(path: Path, identifier: Identifier, view: View) -> None:
-    from replant.report.result_page import write_report
-
-    if identifier.settings is None:
-        raise ReplantError("there is no model to report on yet")
-    u, y, intervals = identifier.recent.T.copy()
-    t, irregular = np.cumsum(intervals) - intervals[0], not newest_samples(identifier).regular
-    log = Log(u, y, identifier.dt, t, "input", "output", Path(view.source), irregular=irregular)
-    if identifier.reference:
-        log = dataclasses.replace(log, reference=identifier.recent_reference, reference_name="reference")
-    write_report(path, _result(identifier, view, log), log, command=f"live {view.source}")
-
-
-def _write_row(path: Path, identifier: RowIdentifier, view: View) -> None:
-    from replant.report.result_page import write_report
-
+def _of_several(identifier: RowIdentifier, view: View) -> tuple[RowFit, Log] | None:
+    """Return the fit of the newest samples of several inputs, and their log; None without a model."""
     found = identifier.fit_of_newest()
     if found is None:
-        raise ReplantError("there is no model to report on yet")
+        return None
     newest, names = identifier.newest_samples(found), identifier.request.input_names
     first, *more = newest.input.T
     log = Log(
@@ -191,24 +180,30 @@ def _write_row(path: Path, identifier: RowIdentifier, view: View) -> None:
         view.output_label, Path(view.source), irregular=not newest.regular, input_hold=identifier.input_hold,
         others=dict(zip(names[1:], more, strict=True)), more_inputs=names[1:],
     )  # fmt: skip
-    shown = dataclasses.replace(found, model=found.model.of_log(names, view.output_label, view.source))
-    write_report(path, shown, log, command=f"live {view.source}")
+    return dataclasses.replace(found, model=found.model.of_log(names, view.output_label, view.source)), log
 
 
-def _result(identifier: Identifier, view: View, log: Log) -> Result:
-    settings = identifier.settings
-    assert settings is not None
+def _of_one(identifier: Identifier, view: View) -> tuple[Result, Log] | None:
+    """Return the result of the newest samples of one input, and their log; None without a model."""
+    settings, newest = identifier.settings, newest_samples(identifier)
+    if settings is None:
+        return None
+    u, y, intervals = identifier.recent.T.copy()
+    since = np.cumsum(intervals) - intervals[0]
+    log = Log(u, y, identifier.dt, since, "input", "output", Path(view.source), irregular=not newest.regular)
+    if identifier.reference:
+        log = dataclasses.replace(log, reference=identifier.recent_reference, reference_name="reference")
     seen = dataclasses.replace(settings, preprocess=dataclasses.replace(settings.preprocess, input_map="identity"))
     rows, t, judged, verdict = view.history, log.stamps, identifier.judged, identifier.assess()
-    whole = {"input": log.input, "output": log.output, "intervals": identifier.recent.T[2], "judged": judged}
-    simulation, ahead = newest_run(identifier, dataclasses.replace(newest_samples(identifier), **whole))
+    whole = {"input": u, "output": y, "intervals": intervals, "judged": judged}
+    simulation, ahead = newest_run(identifier, dataclasses.replace(newest, **whole))
     # the report's log holds the newest samples only, so rows are numbered from its first sample
     if t is None:
-        samples = np.round((rows.t - view.at) / identifier.dt).astype(np.int64) + log.input.size
+        samples = np.round((rows.t - view.at) / identifier.dt).astype(np.int64) + u.size
     else:
         samples = np.searchsorted(t, rows.t - view.at + t[-1], side="right").astype(np.int64)
     known = np.isfinite(rows.parameters).all(axis=1) & (samples > 0)
-    return Result(
+    result = Result(
         model_of(identifier, simulation, ahead, verdict),
         ahead,
         simulation,
@@ -221,3 +216,4 @@ def _result(identifier: Identifier, view: View, log: Log) -> Result:
         left_out=stretches_of(~judged),
         clock=Clock.of(identifier.dt, t),
     )
+    return result, log
