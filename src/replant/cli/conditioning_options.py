@@ -60,12 +60,12 @@ def seconds_of(text: str) -> float:
     return float(found[1]) * UNITS[found[2]]
 
 
-def _stretch(text: str) -> tuple[float, float]:
-    begin, colon, end = text.partition(":")
-    times = seconds_of(begin) if begin.strip() else 0.0, seconds_of(end) if end.strip() else math.inf
-    if not colon or not times[0] < times[1]:
+def _stretch(text: str) -> Stretch:
+    first, colon, last = text.partition(":")
+    begin, end = seconds_of(first) if first.strip() else 0.0, seconds_of(last) if last.strip() else None
+    if not colon or (end is not None and not begin < end):
         raise ValueError(text)
-    return times
+    return begin, end
 
 
 #: Reads a stretch of time in s from the first sample, such as 12s:32s; without an end it goes on to the last sample.
@@ -78,14 +78,10 @@ STRETCHES = {
 }
 
 
-def _dashed(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
-
-
 _OF_STRETCH: dict[str, Any] = {"type": stretch_of, "multiple": True, "metavar": "A:B"}
 stretch_options = group(
     *(
-        click.option(_dashed(name), **_OF_STRETCH, help=f"{text}  Repeat it for several.")
+        click.option(f"--{name.replace('_', '-')}", **_OF_STRETCH, help=f"{text}  Repeat it for several.")
         for name, text in STRETCHES.items()
     )
 )
@@ -103,13 +99,8 @@ def stretched(log: Log, options: dict[str, Any]) -> Log:
 
 def _stretches(options: dict[str, Any]) -> tuple[list[Stretch], list[Stretch]]:
     """Return the stretches of time that are left out, and those that are used."""
-    use, *others = ([_ends(each) for each in options.get(name) or ()] for name in STRETCHES)
-    return [*chain.from_iterable(others)], use
-
-
-def _ends(stretch: tuple[float, float]) -> Stretch:
-    begin, end = stretch
-    return begin, end if math.isfinite(end) else None
+    use, *others = (options.get(name) or () for name in STRETCHES)
+    return [*chain.from_iterable(others)], [*use]
 
 
 ESTIMATE, REST = "estimate", "rest"

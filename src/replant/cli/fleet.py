@@ -6,7 +6,7 @@ import json
 import os
 from collections import Counter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 
@@ -97,27 +97,23 @@ def fleet_command(method: str, on: str | None, compare: Path | None, out: Path, 
         these = _plain(listed(found.left_out))
         note(f"left out, as {'it holds' if len(found.left_out) == 1 else 'they hold'} no rows of numbers: {these}")
     if set(found.verdicts) == {FAILED}:
-        usual = _usual_failure(found)
-        raise LogError(f"none of {len(found)} rigs could be identified; {usual.counted}the first: {usual.reason}")
+        counted, _, reason = _usual_failure(found)
+        raise LogError(f"none of {len(found)} rigs could be identified; {counted}the first: {reason}")
     _show(found, page, as_json=options["as_json"])
 
 
-class _Failure(NamedTuple):
-    """The first of the rigs that failed for the most frequent reason."""
+def _usual_failure(found: Fleet) -> tuple[str, str, str]:
+    """Return how many rigs failed for the most frequent reason, the first of them, and the reason.
 
-    rig: str
-    reason: str
-    counted: str  # how many failed for it, with a comma; empty if all did, or each for a reason of its own
-
-
-def _usual_failure(found: Fleet) -> _Failure:
+    The first is a text with a comma, empty if all failed for it, or each for a reason of its own.
+    """
     rows = [row for row in found.table().to_pylist() if row["verdict"] == FAILED]
     # a reason names its rig's file
     reasons = [row["reasons"].replace(row["source"], "") for row in rows]
     reason, count = Counter(reasons).most_common(1)[0]
     first = rows[reasons.index(reason)]
     counted = f"{count:,} of them for one reason, " if 1 < count < len(rows) else ""
-    return _Failure(_plain(first["rig"]), _plain(first["reasons"]), counted)
+    return counted, _plain(first["rig"]), _plain(first["reasons"])
 
 
 def _plain(text: str) -> str:
@@ -152,6 +148,6 @@ def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
     for path in (found.folder / TABLE, found.folder / MODELS, page):
         click.echo(f"wrote {path}")
     if FAILED in verdicts:
-        count, usual = verdicts[FAILED], _usual_failure(found)
-        first = "1 rig failed," if count == 1 else f"{count:,} rigs failed, {usual.counted}the first of them"
-        note(f"{first} {usual.rig}: {usual.reason}")
+        count, (counted, rig, reason) = verdicts[FAILED], _usual_failure(found)
+        first = "1 rig failed," if count == 1 else f"{count:,} rigs failed, {counted}the first of them"
+        note(f"{first} {rig}: {reason}")

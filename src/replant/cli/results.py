@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -81,9 +80,8 @@ class Delivery:
         path, columns = self.columns["log"], self.columns | dict.fromkeys(STRETCHES) | others
         stretches = []
         for begin, end in self.columns.get("validate_on") or ():
-            part = {"begin": begin, "end": end if math.isfinite(end) else None}
-            name = f"{path.name}, {begin:g} s to {f'{end:g} s' if math.isfinite(end) else 'the end'}"
-            stretches.append((name, model.validate(read(columns | part))))
+            name = f"{path.name}, {begin:g} s to {'the end' if end is None else f'{end:g} s'}"
+            stretches.append((name, model.validate(read(columns | {"begin": begin, "end": end}))))
         return stretches + [(name, validated(model, log, columns)) for name, log in by_name(self.other_logs)]
 
     def finish(

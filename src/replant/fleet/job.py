@@ -51,11 +51,6 @@ class Shape:
         return tuple(f"{name}{end}" for _, end, structure in self.branches for name in structure.names)
 
     @property
-    def size(self) -> int:
-        """Number of parameters."""
-        return sum(each.size for each in self.structures)
-
-    @property
     def coefficients(self) -> int:
         """Number of parameters that are coefficients."""
         return sum(each.coefficients for each in self.structures)

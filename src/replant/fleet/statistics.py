@@ -154,7 +154,7 @@ def figures_of(table: Any, shape: Shape, usual: BoolArray | None = None) -> Figu
     """Return the coefficients of a fleet's table, transformed for comparison."""
     size, names = shape.coefficients, shape.names[: shape.coefficients]
     theta = np.column_stack([column(table, name) for name in names])
-    P = _covariances(table, shape.size)[:, :size, :size]
+    P = _covariances(table, len(shape.names))[:, :size, :size]
     std = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
     known = np.isfinite(theta).all(axis=1) & np.isfinite(P).all(axis=(1, 2)) & (std > 0.0).all(axis=1)
     known &= (theta != 0.0).all(axis=1)

@@ -215,7 +215,7 @@ def make_view(
     noise, std = identifier.noise, np.concatenate([uncertainty.std for *_, uncertainty in branches])
     history.append(info.at, parameters, std)
     first, *others = (_from_input(*branch, truth, identifier.dt, finite=finite) for branch in branches)
-    window, inputs = _window(newest, output, info.at)
+    (window, inputs), span = _window(newest, output, info.at), identifier.samples * identifier.dt
     return View(
         **vars(first),
         **vars(info),
@@ -228,7 +228,7 @@ def make_view(
         std=std,
         verdict=verdict.status,
         excited=verdict.excited,
-        coefficients=_are_known(branches, identifier.samples * identifier.dt),
+        coefficients=all(are_known(shape, known.parameters, known.std, span) for _, shape, _, known in branches),
         reasons=verdict.reasons,
         simulated=fit,
         residual_std=math.nan if noise is None else math.sqrt(noise.residual_variance or math.nan),
@@ -238,10 +238,6 @@ def make_view(
         model=model,
         more_inputs=tuple(view.FurtherInput(**vars(one), u=u) for one, u in zip(others, inputs, strict=True)),
     )
-
-
-def _are_known(branches: Sequence[_Branch], span: float) -> bool:
-    return all(are_known(shape, known.parameters, known.std, span) for _, shape, _, known in branches)
 
 
 def _from_input(

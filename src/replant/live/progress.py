@@ -169,25 +169,21 @@ class Throughput:
 
     def __init__(self) -> None:
         self._since: float | None = None  # beginning of the current second; None before the first sample
-        self._samples, self._rate, self._lag = 0, 0.0, 0.0
+        self._samples, self._rate, self.lag = 0, 0.0, 0.0
 
     def count(self, samples: int, arrived: float) -> None:
         """Count samples that were learned just now; ``arrived`` is the time at which the newest arrived."""
         now = time.monotonic()
         self._since = now if self._since is None else self._since
         self._samples += samples
-        self._lag = max(self._lag, now - arrived)
+        self.lag = max(self.lag, now - arrived)
 
     def read(self) -> tuple[float, float]:
-        """Return samples a second, over about one second, and the longest lag in s since `reset_lag`."""
+        """Return samples a second, over about one second, and the longest lag in s since it was set to 0."""
         now = time.monotonic()
         if self._since is not None and now - self._since >= 1.0:
             self._rate, self._samples, self._since = self._samples / (now - self._since), 0, now
-        return self._rate, self._lag
-
-    def reset_lag(self) -> None:
-        """Forget the longest lag."""
-        self._lag = 0.0
+        return self._rate, self.lag
 
 
 class CheckpointWriter:

@@ -210,7 +210,7 @@ class Session:
         with self._refusals_reported("observer"):
             if self.observer.hand_over(self.identifier, self.info, learned=self._learned):
                 self._learned = False
-                self._throughput.reset_lag()
+                self._throughput.lag = 0.0
         if self.checkpoints is not None and self.checkpoints.is_due(now):
             with self._refusals_reported("checkpoint"):
                 self._flush_record()  # the record on the disk must reach as far as the checkpoint
