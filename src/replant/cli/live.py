@@ -149,7 +149,7 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
         truth=None if demo is None else demo[0].plant,
         columns=columns,
         signals=names if demo is None else demo[1],
-        to_fit=_to_fit(options, columns, reference=_has_reference(address)),
+        to_fit=_to_fit(options, columns, address),
         **{name: options[name] for name in ("sinks", "record", "checkpoint", "every", "ttl", "background")},
     )
     if not trusted:
@@ -225,13 +225,7 @@ def _interval_of(address: Address, signals: Signals) -> float:
     return dt
 
 
-def _has_reference(address: Address) -> bool:
-    """Return whether the options of a source say that its samples have a reference."""
-    given = address.options
-    return REFERENCE in given.get("columns", "").replace(" ", "").split(",") or bool({"loop", "reference"} & {*given})
-
-
-def _to_fit(options: dict[str, Any], signals: Signals, *, reference: bool) -> list[str]:
+def _to_fit(options: dict[str, Any], signals: Signals, address: Address) -> list[str]:
     """Return the options of `replant fit` for the record of the session: without them it fits another model."""
     words = [word for name in signals.inputs for word in ("-i", name)] + ["-o", signals.output]
     for name in ("poles", "zeros", "delay"):
@@ -239,7 +233,9 @@ def _to_fit(options: dict[str, Any], signals: Signals, *, reference: bool) -> li
         words += [f"--{name}", ",".join(f"{figure:.15g}" for figure in orders)] if any(orders) else []
     words += [f"--{name}" for name in ("bias", "feedthrough") if options[name]]
     words += ["--input-map", options["input_map"]] if options["input_map"] != "identity" else []
-    return [*words, *(["--reference", REFERENCE] if reference else [])]
+    named = address.options.get("columns", "").replace(" ", "").split(",")
+    has_reference = REFERENCE in named or {"loop", "reference"} & {*address.options}
+    return [*words, *(["--reference", REFERENCE] if has_reference else [])]
 
 
 def address_of(option: str, text: str) -> tuple[str, int]:

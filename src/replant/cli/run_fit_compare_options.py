@@ -127,24 +127,17 @@ def begin(given: dict[str, Any], several: str = "") -> None:
             raise click.UsageError(several)
         given["log"] = given["logs"][0]
     check_complete(given)
-    _note_on_step(given)
+    asked = typed("--delay")
+    ends = asked.split(":")
+    if len(ends) == 2 and "," not in asked and float(ends[0]) < float(ends[1]):  # a range without a step
+        tried, tenth = len(given["delay"][0]), 0.1 * (float(ends[1]) - float(ends[0]))
+        note(f"--delay {asked}: in steps of 1 s, {tried} in all; give another step as in {asked}:{tenth:g}")
 
 
 def check_said(given: dict[str, Any]) -> None:
     """Raise UsageError where a command is to be quiet and to print its progress."""
     if given["quiet"] and given["progress"]:
         raise click.UsageError("--quiet and --progress: give one of them")
-
-
-def _note_on_step(given: dict[str, Any]) -> None:
-    """Say how many dead times a range without a step has."""
-    asked = typed("--delay")
-    if asked.count(":") != 1 or "," in asked:
-        return
-    first, last = map(float, asked.split(":"))
-    if first < last:
-        tried, tenth = len(given["delay"][0]), 0.1 * (last - first)
-        note(f"--delay {asked}: in steps of 1 s, {tried} in all; give another step as in {asked}:{tenth:g}")
 
 
 def read_several(options: dict[str, Any]) -> list[Log]:

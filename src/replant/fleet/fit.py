@@ -342,14 +342,8 @@ def fit(
         fleet = Fleet(folder, job.structure, names, str(output), os.fspath(logs), by, job, tuple(left_out))
         if out is None:
             weakref.finalize(fleet, shutil.rmtree, folder, ignore_errors=True)
-        store.merge(_about(fleet, job))
+        structures = [{name: getattr(each, name) for name in STRUCTURE} for each in fleet.shape.structures]
+        about: dict[str, Any] = {"structure": structures if job.several else structures[0]}
+        about |= {name: getattr(fleet, name) for name in ("input_name", "output_name", "logs", "by")}
+        store.merge({**about, "method": job.method, "job": job.key, "left_out": fleet.left_out})
     return fleet
-
-
-def _about(fleet: Fleet, job: Job) -> dict[str, Any]:
-    structures = [{name: getattr(each, name) for name in STRUCTURE} for each in fleet.shape.structures]
-    return {
-        "structure": structures if job.several else structures[0], "input_name": fleet.input_name,
-        "output_name": fleet.output_name, "logs": fleet.logs, "by": fleet.by, "method": job.method,
-        "job": job.key, "left_out": fleet.left_out,
-    }  # fmt: skip

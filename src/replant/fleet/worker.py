@@ -190,13 +190,8 @@ def begin_of(rig: Rig, recording: Recording, job: Job) -> float:
     if number is None:
         return 0.0
     if number in table.in_seconds and all(map(is_parquet, rig.pieces)):
-        first = min(first_stamp(piece.row_groups, number) for piece in rig.pieces)
-        return first + (job.begin or 0.0)
-    origin, log = table.origins.get(number, 0) / 1e9, recording.held
-    if log is not None and log.time is not None:
-        return origin + float(log.time[0])
-    first = _first(table, number) * recording.unit
-    return origin + (first if math.isfinite(first) else 0.0)
+        return min(first_stamp(piece.row_groups, number) for piece in rig.pieces) + (job.begin or 0.0)
+    return table.origins.get(number, 0) / 1e9 + float(recording.arrays[-1][0]) * recording.unit
 
 
 def _table(rig: Rig, job: Job) -> Table:
@@ -214,18 +209,13 @@ def _table(rig: Rig, job: Job) -> Table:
 
     def place(found: tuple[Table, str]) -> tuple[float, str]:
         table, name = found
-        number = _time_column(table, job)
-        first = math.inf if number is None else table.origins.get(number, 0) / 1e9 + _first(table, number)
-        return first, name
+        if (number := _time_column(table, job)) is None:
+            return math.inf, name
+        (block,) = table.head([number], 1)
+        known = block[np.isfinite(block)]
+        return table.origins.get(number, 0) / 1e9 + (float(known[0]) if known.size else math.inf), name
 
     return joined([table for table, _ in sorted(tables, key=place)])
-
-
-def _first(table: Table, number: int) -> float:
-    """Return the first value of a column; infinite if it has none."""
-    (block,) = table.head([number], 1)
-    known = block[np.isfinite(block)]
-    return float(known[0]) if known.size else math.inf
 
 
 def _time_column(table: Table, job: Job) -> int | None:

@@ -63,12 +63,10 @@ def time_candidates(names: Sequence[str]) -> list[int]:
 
 def time_columns(table: Table) -> list[int]:
     """Return the columns that may be the time: by name, or, if no name is that of a time, the columns of dates."""
-    return named_time_columns(table) or _moving(table, sorted(table.in_seconds))
-
-
-def _moving(table: Table, dates: list[int]) -> list[int]:
-    """Return the columns of dates whose first stamps differ, or all if there is none: a constant one is no clock."""
-    try:
+    if named := named_time_columns(table):
+        return named
+    dates = sorted(table.in_seconds)
+    try:  # a constant date is no clock, unless all are constant
         heads = table.head(dates, 1) if len(dates) > 1 else []
     except LogError:  # one cannot be read
         return dates

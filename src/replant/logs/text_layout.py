@@ -225,15 +225,13 @@ def is_prose(path: Path) -> bool:
     except (LogError, OSError):  # to be said by who reads it
         return False
     # one line may be the header of a log that nothing was recorded into, and many lines may stand above its rows
-    return 1 < len(rows) < _SAMPLE_ROWS and not any(
-        _has_numbers(line, delimiter) for _, line in rows for delimiter in DELIMITERS
-    )
-
-
-def _has_numbers(line: str, delimiter: str | None) -> bool:
-    """Return whether a row has a number among its cells; two where blanks delimit them, as a sentence may hold one."""
-    cells = split_or_none(line, delimiter) or []
-    return sum(bool(cell) and is_number(cell, delimiter) for cell in cells) > (delimiter is None)
+    if not 1 < len(rows) < _SAMPLE_ROWS:
+        return False
+    for (_, line), delimiter in product(rows, DELIMITERS):
+        numbers = sum(bool(cell) and is_number(cell, delimiter) for cell in split_or_none(line, delimiter) or [])
+        if numbers > (delimiter is None):  # a sentence of words between blanks may hold one number
+            return False
+    return True
 
 
 def _encoding(path: Path) -> str:
