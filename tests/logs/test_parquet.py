@@ -13,6 +13,7 @@ import pytest
 import replant as rp
 from replant.errors import LogError
 from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder
+from replant.live.streams import Batch
 from replant.logs import arrow, read_columns, read_log
 from replant.online.runs.full_trace import FullTrace
 from support.cases import every
@@ -124,7 +125,8 @@ def full_trace(folder: Path) -> Path:
 def recorded_part(folder: Path) -> Path:
     rng, disk_writer = np.random.default_rng(0), DiskWriter(Notices(print))
     recorder = ParquetRecorder(folder, disk_writer)
-    recorder.add_samples(np.arange(60), np.arange(60) * 0.1, rng.standard_normal(60), rng.standard_normal(60))
+    u, y = rng.standard_normal((2, 60))
+    recorder.add_samples(Batch(u, y, sequence=np.arange(60)), np.arange(60) * 0.1)
     recorder.flush()
     disk_writer.close()
     return folder / "samples" / "part-00000001.parquet"

@@ -214,7 +214,7 @@ def make_view(
     branches, newest, output, fit, verdict, model = seen
     noise, std = identifier.noise, np.concatenate([uncertainty.std for *_, uncertainty in branches])
     history.append(info.at, parameters, std)
-    first, *others = (_from_input(*branch, truth, identifier.dt, finite=finite) for branch in branches)
+    first, *others = (_from_input(branch, truth, identifier.dt, finite=finite) for branch in branches)
     (window, inputs), span = _window(newest, output, info.at), identifier.samples * identifier.dt
     return View(
         **vars(first),
@@ -240,17 +240,9 @@ def make_view(
     )
 
 
-def _from_input(
-    label: str,
-    structure: Structure,
-    model: TransferFunction,
-    uncertainty: Uncertainty,
-    truth: TransferFunction | None,
-    dt: float,
-    *,
-    finite: bool,
-) -> view.FromInput:
+def _from_input(branch: _Branch, truth: TransferFunction | None, dt: float, *, finite: bool) -> view.FromInput:
     """Return the part of a view about one input."""
+    label, structure, model, uncertainty = branch
     if not finite:
         beside = truth_of(truth, structure, None, NO_BODE)
         return view.FromInput(input_label=label, delay=model.delay, truth=beside, **NO_MODEL)

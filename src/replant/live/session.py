@@ -78,7 +78,7 @@ class Session:
         self._remarked = False  # whether the remark of the source has been shown
         self.has_reference = False  # whether samples with a reference came
         self._inconsistent = False  # whether the identifier may hold samples that the progress does not count
-        self._verdict, self._excited, self._coefficients = UNKNOWN, False, False
+        self._judged = UNKNOWN, False, False  # verdict, excited and coefficients of the newest view
 
     def run(self) -> bool:
         """Run until the stream ends, a limit is reached, or SIGINT or SIGTERM asks for the end."""
@@ -105,7 +105,7 @@ class Session:
                     raise LogError(f"{self.source.name}: no sample could be read; the first line is {self._refused}")
         finally:  # every receiver must learn that no estimate follows, however the session ends
             self._publisher.end()
-        return self._verdict == "trusted" or not self.limits.until_trusted
+        return self._judged[0] == "trusted" or not self.limits.until_trusted
 
     def stop(self) -> None:
         """End the session once the samples that have arrived are learned; from any thread or a signal handler."""
@@ -135,7 +135,7 @@ class Session:
                 self.notices.say(
                     "line", f"replant: {self.source.name}: no sample yet; the first line is {self._refused}"
                 )
-            trusted = self._verdict == "trusted"
+            trusted = self._judged[0] == "trusted"
             if self.limits.reached(seconds=seconds, samples=self.progress.taken, trusted=trusted):
                 break
         self.source.close()
@@ -173,7 +173,7 @@ class Session:
         rig_time = self.progress.advance(batch, t, self.identifier.dt)
         self._inconsistent = False
         if self.recorder is not None:
-            self.recorder.add_samples(batch.sequence, rig_time, batch.u, batch.y, batch.r)
+            self.recorder.add_samples(batch, rig_time)
         self._learned = True
         self._throughput.count(len(batch), batch.arrived)
         self._publisher.mark()
@@ -229,10 +229,9 @@ class Session:
 
     def _update_verdict(self) -> None:
         """Take the newest verdict on the present model; a changed verdict is sent even if no sample arrives."""
-        view, before = self._view, (self._verdict, self._excited, self._coefficients)
-        now = (UNKNOWN, False, False) if view is None else (view.verdict, view.excited, view.coefficients)
-        self._verdict, self._excited, self._coefficients = now
-        if now != before and self.progress.taken:
+        view, before = self._view, self._judged
+        self._judged = (UNKNOWN, False, False) if view is None else (view.verdict, view.excited, view.coefficients)
+        if self._judged != before and self.progress.taken:
             self._publisher.mark()
 
     @property
@@ -260,9 +259,7 @@ class Session:
             identifier.parameters if identifier.has_model else unknown,
             unknown if view is None else view.std,
             identifier.status,
-            self._verdict,
-            self._excited,
-            self._coefficients,
+            *self._judged,
         )
 
     def _obey(self, name: str) -> None:

@@ -15,6 +15,7 @@ import replant as rp
 from replant.errors import LogError
 from replant.live.outputs import message as recording
 from replant.live.outputs.message import DiskWriter, EstimateMessage, Notices, ParquetRecorder
+from replant.live.streams import Batch
 from support.cases import every
 from support.full_disk import full_disk
 from support.live_fakes import DT, record
@@ -29,7 +30,7 @@ def recorded(folder: Path, parts: list[slice], *, numbered: bool = True, go_on: 
     disk_writer = DiskWriter(Notices(said.append))
     recorder = ParquetRecorder(folder, disk_writer, go_on=go_on)
     for part in parts:
-        recorder.add_samples(N[part] if numbered else None, T[part], U[part], Y[part])
+        recorder.add_samples(Batch(U[part], Y[part], sequence=N[part] if numbered else None), T[part])
         recorder.flush()
     disk_writer.close()
     return said
@@ -117,7 +118,7 @@ def test_parts_are_written_by_themselves_when_they_are_full(tmp_path: Path, monk
     recorder = ParquetRecorder(tmp_path, disk_writer)
     for at in range(0, 600, 50):
         part = slice(at, at + 50)
-        recorder.add_samples(None, T[part], U[part], Y[part])
+        recorder.add_samples(Batch(U[part], Y[part]), T[part])
     disk_writer.close()
     parts = sorted((tmp_path / "samples").iterdir())
     assert [pyarrow.parquet.ParquetFile(path).metadata.num_rows for path in parts] == [100] * 6

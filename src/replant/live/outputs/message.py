@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.live.streams import UY, Signals
+from replant.live.streams import UY, Batch, Signals
 from replant.logs.arrow import CHECKED, check_rows, open_parquet
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import ENDING, Worker, one_line, replacing
@@ -191,16 +191,15 @@ class ParquetRecorder(Sink):
         self._last = self._samples.last_number()
         self._rows, self._start = 0, time.monotonic()
 
-    def add_samples(
-        self, n: npt.NDArray[np.int64] | None, t: FloatArray, u: FloatArray, y: FloatArray, r: FloatArray | None = None
-    ) -> None:
-        """Record samples."""
-        if n is not None and n[0] <= self._last:
-            new = int(np.searchsorted(n, self._last, side="right"))
-            n, t, u, y, r = n[new:], t[new:], u[new:], y[new:], None if r is None else r[new:]
-        signals = zip(self._signals.names, [*np.atleast_2d(u.T), y], strict=True)
-        self._samples.waiting.append((n, {"t": t, **dict(signals)} | ({} if r is None else {"r": r})))
-        self._rows += y.size
+    def add_samples(self, batch: Batch, t: FloatArray) -> None:
+        """Record samples with their rig time (K,) in s."""
+        if batch.sequence is not None and batch.sequence[0] <= self._last:
+            new = int(np.searchsorted(batch.sequence, self._last, side="right"))
+            batch, t = batch.select(slice(new, None)), t[new:]
+        signals = dict(zip(self._signals.names, [*np.atleast_2d(batch.u.T), batch.y], strict=True))
+        reference = {} if batch.r is None else {"r": batch.r}
+        self._samples.waiting.append((batch.sequence, {"t": t, **signals, **reference}))
+        self._rows += len(batch)
         if self._rows >= ROWS or time.monotonic() - self._start >= SECONDS:
             self.flush()
 
