@@ -6,7 +6,7 @@ import dataclasses
 import json
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -154,16 +154,13 @@ def _plots(found: list[tuple[str, Validation]], out: Path) -> list[Path]:
     return files
 
 
-if TYPE_CHECKING:
-    from replant.report.compared_page import ModelComparison
-
 SHOWN = 7  # columns of the table that fit into a terminal [count]
 
 
 def _compare_models(options: dict[str, Any]) -> None:
     """Compare the models in all files but the last over the log in the last one."""
+    from replant.report.compared_page import HEADINGS, write_models
     from replant.report.compared_page import compare as compare_saved
-    from replant.report.compared_page import write_models
 
     *saved, path = options["logs"]
     if holds_model(path) or not holds_model(saved[0]):
@@ -180,10 +177,16 @@ def _compare_models(options: dict[str, Any]) -> None:
     log = results.whole_log(path, results.as_modelled(path, options, next(iter(models.values()))))
     comparison = compare_saved(models, log)
     if options["as_json"]:
-        found = {name: as_text.validation_as_json(each, path.name) for name, each in comparison.validations.items()}
-        click.echo(json.dumps(found, allow_nan=False))
+        all_of = {name: as_text.validation_as_json(each, path.name) for name, each in comparison.validations.items()}
+        click.echo(json.dumps(all_of, allow_nan=False))
     else:
-        _print(comparison)
+        console, plain = terminal(), str.maketrans({"±": "+-", "−": "-", "–": "-"})
+        columns = [[cell.translate(plain) for cell in column] for column in zip(*comparison.rows, strict=True)]
+        first = HEADINGS.index("poles")
+        as_text.print_blocks(console, HEADINGS[:SHOWN], columns[:SHOWN], comparison.best, first=first)
+        for name, found in comparison.validations.items():
+            if found.verdict.status != "trusted" and found.verdict.reasons:
+                console.print(f"\n{name}: {found.verdict.reasons[0]}", style="dim", highlight=False, markup=False)
     if out is not None:
         with results.write_errors_reported(out):
             comparison.plot()[0].figure.savefig(out / "models.png", dpi=110)
@@ -199,18 +202,6 @@ def _of_one_input(path: Path) -> Model:
             f"{path}: it has several {several}, and replant compare takes models of one: use replant validate"
         )
     return model
-
-
-def _print(comparison: ModelComparison) -> None:
-    from replant.report.compared_page import HEADINGS
-
-    console, best = terminal(), comparison.best
-    plain = str.maketrans({"±": "+-", "−": "-", "–": "-"})
-    columns = [[cell.translate(plain) for cell in column] for column in zip(*comparison.rows, strict=True)]
-    as_text.print_blocks(console, HEADINGS[:SHOWN], columns[:SHOWN], best, first=HEADINGS.index("poles"))
-    for name, found in comparison.validations.items():
-        if found.verdict.status != "trusted" and found.verdict.reasons:
-            console.print(f"\n{name}: {found.verdict.reasons[0]}", style="dim", highlight=False, markup=False)
 
 
 @click.command(name="compare")

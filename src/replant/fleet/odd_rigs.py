@@ -228,7 +228,10 @@ def _differences(
     straight = usable & ~turned.any(axis=1)
     if straight.sum() >= FEWEST + size:
         around = located(off[straight], P[straight])
-        scale, told = around.scale, _of_fleet(second.weighed(shape), around, P[straight])
+        scale, none = around.scale, np.zeros(size)
+        uncertain = np.linalg.inv(np.linalg.inv(around.spread + P[straight]).sum(axis=0)) * scale
+        of_fleet = deviations(second.weighed(shape), around.centre, uncertain, none > 0.0, none)
+        told = tuple(each.words(BEFORE) for each in of_fleet if abs(each.log_ratio) > FEW_SIGMA * each.std > 0.0)
     place = Location(np.zeros(size), np.zeros((size, size)), scale)
     squared = np.where(usable, place.squared_distances(off, P), 0.0)
     certainty = np.minimum(first.certainty, second.certainty)
@@ -241,11 +244,3 @@ def _differences(
         sure = [each for each in moved if each.size >= FEW_SIGMA][:2] or moved[:1]
         drifted.append(Drifted(rigs[row], math.sqrt(squared[row]), "; ".join(each.words(BEFORE) for each in sure)))
     return tuple(sorted(drifted, key=lambda each: (-each.distance, each.rig))), told
-
-
-def _of_fleet(weighed: list[tuple[Quantity, FloatArray]], around: Location, P: FloatArray) -> tuple[str, ...]:
-    """Return texts on the significant changes of the fleet's quantities."""
-    uncertain = np.linalg.inv(np.linalg.inv(around.spread + P).sum(axis=0)) * around.scale
-    none = np.zeros(around.centre.size)
-    found = deviations(weighed, around.centre, uncertain, none > 0.0, none)
-    return tuple(each.words(BEFORE) for each in found if abs(each.log_ratio) > FEW_SIGMA * each.std > 0.0)

@@ -324,7 +324,7 @@ def run(
     sinks: Sequence[str] = (),
     record: Path | None = None,
     checkpoint: Path | None = None,
-    every: float = 10.0,
+    every: float = 10.0,  # time between two checkpoints [s]
     dashboard: DashboardAddress | None = None,
     truth: TransferFunction | None = None,
     columns: Signals = UY,
@@ -335,11 +335,8 @@ def run(
 ) -> bool:
     """Identify until the stream, a limit or the user ends the session, and print the result.
 
-    Samples come from the URL ``source``, with the columns ``columns``, and are shown under the names ``signals``.
-    Estimates go to the addresses ``sinks``.  Samples and estimates are recorded in the folder ``record``; the state is
-    saved in the file ``checkpoint`` at intervals of ``every`` s.  The ``truth`` of a simulated rig is shown beside the
-    estimate.  With ``background`` a second process solves the record again.  ``to_fit`` are the options with which
-    `replant fit` identifies the same model from the record.
+    Samples have the columns ``columns``, and are shown under the names ``signals``, beside the ``truth`` of a simulated
+    rig.  ``to_fit`` are the options with which `replant fit` identifies the same model from the record.
     """
     from rich.console import Console
 

@@ -288,10 +288,8 @@ GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt, 
 def time_advice(table: Table, taken: Collection[int]) -> str:
     """Return what to do without a column with a name of time; one that rises as a clock does is named."""
     found, there = find_clock(table, read_contents(table), others=taken), f"there are: {listed(table.names)}"
-    if found is None or found.column is None:
-        return f"{GIVE_TIME}; {there}"
-    name = shown(found.column.name)
-    return f"name the time column (time, --time), perhaps {name}, or give the sampling time (dt, --dt); {there}"
+    likely = "" if found is None or found.column is None else f", perhaps {shown(found.column.name)},"
+    return f"{GIVE_TIME.replace(' or ', f'{likely} or ')}; {there}"
 
 
 def contradicted(table: Table, dt: float | None) -> str:

@@ -83,9 +83,9 @@ def test_what_is_drawn_is_cut_to_the_digits_that_are_seen_and_the_model_is_not()
     hub.publish({"num": [third], "model": model, "window": {"y": [third, None]}, "history": {"t": [third]}})
     frame = hub.frame()
     assert frame is not None
-    view = json.loads(frame.view)["view"]
+    view = json.loads(frame["view"])["view"]
     assert view["window"]["y"] == [round(third, DIGITS), None]
-    assert json.loads(frame.history)["history"]["t"] == [round(third, DIGITS)]
+    assert json.loads(frame["history"])["history"]["t"] == [round(third, DIGITS)]
     assert view["num"] == [third]
     assert not {"history", "model"} & set(view)
     assert hub.newest is not None

@@ -9,7 +9,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
 from pathlib import Path
@@ -36,14 +35,8 @@ _SLOW = ("bode", "step", "truth")  # parts that change slowly and are sent with 
 _DRAWN = ("window", "more_inputs", *_SLOW, "history")
 
 
-@dataclass(frozen=True)
-class Frame:
-    """A view serialized once for all browsers."""
-
-    source: dict[str, Any]  # the view
-    # view, history: JSON objects: the view without its slow parts; the history and the slow parts
-    view: str
-    history: str
+#: A view serialized once for all browsers, as two JSON objects: "view" without its slow parts, "history" with these.
+Frame = dict[str, str]
 
 
 class Hub:
@@ -61,6 +54,7 @@ class Hub:
         self.ended = False  # whether the newest view is the last one; browsers that have it are then disconnected
         self.browsers = 0  # number of browsers with an open websocket
         self.newest: dict[str, Any] | None = None  # the view published last, None before the first
+        self._framed: dict[str, Any] | None = None  # the view that the frame shows
         self._frame: Frame | None = None
         self._reporting = threading.Lock()
 
@@ -71,13 +65,13 @@ class Hub:
     def frame(self) -> Frame | None:
         """Return the newest view as a frame, serialized at the first request."""
         view = self.newest
-        if view is not None and (self._frame is None or self._frame.source is not view):
+        if view is not None and view is not self._framed:
             shown = {key: _rounded(value) if key in _DRAWN else value for key, value in view.items()}
             history = shown.pop("history", None)
             shown.pop("model", None)  # only for downloads
             slow = {key: shown.pop(key) for key in _SLOW if key in shown}
-            text = _text({"view": shown}), _text({"history": history, **({"slow": slow} if slow else {})})
-            self._frame = Frame(view, *text)
+            long = {"history": history, **({"slow": slow} if slow else {})}
+            self._framed, self._frame = view, {"view": _text({"view": shown}), "history": _text(long)}
         return self._frame
 
     async def report(self) -> bytes:
@@ -226,7 +220,7 @@ async def _send(hub: Hub, socket: WebSocket) -> None:
             for part, period in periods.items():
                 if frame is not None and frame is not sent[part] and (ended or time.monotonic() >= due[part]):
                     sent[part], due[part] = frame, time.monotonic() + period
-                    await socket.send_text(getattr(frame, part))
+                    await socket.send_text(frame[part])
             if ended:
                 return
             await asyncio.sleep(LOOK)

@@ -119,24 +119,7 @@ _OTHERS = "-, demo, log.csv?speed=10"
 
 
 def open_source(url: str, signals: Signals = UY) -> Source:
-    """Open a stream of live samples; ``signals`` names the fields of its lines or columns.
-
-    =======================================  =========================================================================
-    ``tcp://host:port``                      lines of a peer that listens
-    ``udp://0.0.0.0:port``                   datagrams received at a port of this computer
-    ``serial:///dev/ttyUSB0?baud=115200``    lines of a microcontroller; ``serial://COM3``
-    ``mqtt://host:1883/topic``               messages of a topic; ``mqtt://user:password@host/topic?qos=1``
-    ``-``                                    lines from standard input
-    ``log.csv?speed=10``                     a recorded log; the options ``input``, ``output`` (u, y), ``reference``,
-                                             ``time``, ``dt`` are those of `read_log`; without ``speed`` as fast as
-                                             possible
-    ``demo``                                 the simulated actuator in real time; ``demo?speed=max&seed=1``;
-                                             ``demo?loop=pi``: under a controller, with its reference
-    =======================================  =========================================================================
-
-    Lines are CSV with two fields ``u,y``, three ``t,u,y`` or four ``n,t,u,y`` (sequence number, time stamp in s, input,
-    output), or with the fields of the URL's option ``?columns=n,u,y,r`` (r: reference); or they are JSON objects with
-    these names.  Several inputs take the place of u; a header may name the fields in any order.
+    """Open a stream of live samples; ``signals`` names the fields of its lines or columns, see docs/live.md.
 
     >>> source = open_source("demo?speed=max")
     >>> batch = next(filter(len, source.batches()))
