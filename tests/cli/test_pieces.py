@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import subprocess
 import sys
 from typing import Any
@@ -26,7 +25,7 @@ READ = [
     (band_of, "0.1:10", (0.1, 10.0)),
     (band_of, ":10Hz", (None, 10.0)),
     (stretch_of, "12s:1.5min", (12.0, 90.0)),
-    (stretch_of, "60:", (60.0, math.inf)),
+    (stretch_of, "60:", (60.0, None)),
     (time_of, "10min", 600.0),
     (real, "1e-3", 0.001),
     (whole_numbers, "1:4", ((1, 2, 3, 4),)),

@@ -129,11 +129,8 @@ class Workers:
 @contextmanager
 def workers(on: Executor | str | None) -> Iterator[Workers]:
     """Open an executor for the ``with`` block; the caller's own executor stays open."""
-    if on is None:
-        yield Workers(None)
-        return
     if not isinstance(on, str):
-        if not callable(getattr(on, "submit", None)):
+        if on is not None and not callable(getattr(on, "submit", None)):
             raise InvalidArgumentError(f"executor must be {_FORMS}, or a concurrent.futures.Executor, got {shown(on)}")
         yield Workers(on)
         return

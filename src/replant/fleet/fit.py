@@ -26,7 +26,7 @@ from replant.fitting.model import Model
 from replant.fitting.model_json import STRUCTURE
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
-from replant.fleet.job import ABOUT, MODELS, TABLE, Job, Shape, wanted
+from replant.fleet.job import ABOUT, MODELS, Job, Shape, wanted
 from replant.fleet.store import Store, column, read_table, verdicts_of
 from replant.fleet.worker import identify_all
 from replant.model.structure import Structure
@@ -208,7 +208,7 @@ class Fleet:
 
     def table(self) -> Any:
         """Return one row per rig as a `pyarrow.Table`, sorted by rig."""
-        return read_table(self.folder, TABLE)
+        return read_table(self.folder)
 
     def to_pandas(self) -> Any:
         """Return one row per rig as a `pandas.DataFrame`, sorted by rig."""

@@ -199,14 +199,14 @@ def _cells_in(stored: bytes) -> dict[str, Any] | None:
     return found
 
 
-def read_table(folder: Path, name: str = TABLE) -> Any:
-    """Return a table of a fleet's results as a `pyarrow.Table`."""
+def read_table(folder: Path) -> Any:
+    """Return the table of a fleet's results as a `pyarrow.Table`."""
     from pyarrow import ArrowInvalid, parquet
 
     try:
-        return parquet.read_table(folder / name, partitioning=None)
+        return parquet.read_table(folder / TABLE, partitioning=None)
     except (OSError, ArrowInvalid) as error:
-        raise LogError(f"{folder}: no results of `replant fleet` there ({name} cannot be read)") from error
+        raise LogError(f"{folder}: no results of `replant fleet` there ({TABLE} cannot be read)") from error
 
 
 def column(table: Any, name: str) -> Any:

@@ -94,20 +94,16 @@ class Observer:
         self._process = ObserverProcess(options)
         self._alive = True
         if options.dashboard is not None:
+            deadline = time.monotonic() + STARTING
             try:
-                self._wait_for_dashboard()
+                while self._alive and not self.url and time.monotonic() < deadline:
+                    self._process.connection.poll(0.1)
+                    self._receive_all()
+                if not self.url:
+                    raise InvalidArgumentError("the dashboard's process does not respond: see the lines above")
             except BaseException:
                 self.close()
                 raise
-
-    def _wait_for_dashboard(self) -> None:
-        """Wait until the process reports that the dashboard is being served."""
-        deadline = time.monotonic() + STARTING
-        while self._alive and not self.url and time.monotonic() < deadline:
-            self._process.connection.poll(0.1)
-            self._receive_all()
-        if not self.url:
-            raise InvalidArgumentError("the dashboard's process does not respond: see the lines above")
 
     @property
     def view(self) -> View | None:

@@ -243,10 +243,10 @@ def make_view(
 def _from_input(branch: _Branch, truth: TransferFunction | None, dt: float, *, finite: bool) -> view.FromInput:
     """Return the part of a view about one input."""
     label, structure, model, uncertainty = branch
+    bode = bode_of(model, uncertainty, dt) if finite else NO_BODE
+    beside = truth_of(truth, structure, model if finite else None, bode)
     if not finite:
-        beside = truth_of(truth, structure, None, NO_BODE)
         return view.FromInput(input_label=label, delay=model.delay, truth=beside, **NO_MODEL)
-    bode = bode_of(model, uncertainty, dt)
     with np.errstate(all="ignore"):
         roots = with_conjugates([(each.mode.pole, each.covariance) for each in uncertainty.modes])
         gain_std = uncertainty.dc_gain_std
@@ -262,7 +262,7 @@ def _from_input(branch: _Branch, truth: TransferFunction | None, dt: float, *, f
         dc_gain_std=gain_std,
         bode=bode,
         step=step_of(model, uncertainty),
-        truth=truth_of(truth, structure, model, bode),
+        truth=beside,
     )
 
 
