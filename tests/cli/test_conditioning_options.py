@@ -176,7 +176,7 @@ def test_the_rest_put_before_a_log_is_counted_nowhere(
 
 
 CONDITIONS = [
-    {"decimate": 3, "detrend": True, "leave_out": ((12.0, 20.0),), "validate_on": ((30.0, float("inf")),)},
+    {"decimate": 3, "detrend": True, "leave_out": ((12.0, 20.0),), "validate_on": ((30.0, None),)},
     {"resample": 0.015, "x0": "rest"},
     {"band": (None, 20.0), "use": ((0.0, 40.0),)},
     {"band": (0.2, None)},
