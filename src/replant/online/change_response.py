@@ -219,11 +219,12 @@ def information_of(state: State, settings: Settings) -> FloatArray:
 
 
 def looked_at(old: State, settings: Settings, began: int) -> State | None:
-    """Return the state after a change since an accepted sample that raised no alarm; None if none is sure."""
+    """Return the state after a change of the plant that raised no alarm, since an accepted sample; None without one."""
     tried = old.copy()
     tried.alarm, tried.change_began = Alarm.RESTS, began
     new, _ = look(tried, settings)
-    return None if new is tried else new
+    # a drift of the output, which raises no alarm either, is no load
+    return new if new is not tried and new.change.is_of_plant else None
 
 
 def _information(settings: Settings, covariance: FloatArray, entries: int) -> FloatArray:
