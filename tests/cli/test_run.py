@@ -138,6 +138,12 @@ def test_mistakes_are_said_in_one_line(capsys: pytest.CaptureFixture[str], log: 
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert "the full trace is a Parquet file; give it the suffix .parquet" in message
+    other = tmp_path / "log.parquet"
+    other.write_bytes(b"a log")
+    with pytest.raises(SystemExit):
+        run(log, "--full-trace", other)
+    assert "log.parquet: it exists and is no full trace; give another name" in capsys.readouterr().err
+    assert other.read_bytes() == b"a log"
 
 
 def test_a_start_up_that_is_longer_than_the_log_is_noted(capsys: pytest.CaptureFixture[str], log: Path) -> None:

@@ -28,6 +28,8 @@ class FullTrace:
             import pyarrow.parquet  # noqa: F401 - raises before the run, not after it
         except ImportError as error:
             raise MissingDependencyError(f"{path}: writing needs pyarrow: pip install 'replant[parquet]'") from error
+        if path.exists() and not _is_trace(path):
+            raise LogError(f"{path}: it exists and is no full trace; give another name")
         self.path, self._dt = path, dt
         self._files, self._new = contextlib.ExitStack(), path
         self._held: list[Trace] = []
@@ -80,3 +82,14 @@ class FullTrace:
             yield
         except OSError as error:
             raise LogError(f"{self.path}: cannot be written ({reason_of(error)}); choose another file") from error
+
+
+def _is_trace(path: Path) -> bool:
+    """Return whether a file is one that `FullTrace` has written."""
+    import pyarrow.parquet
+
+    try:
+        names = pyarrow.parquet.read_schema(path).names
+    except (OSError, pyarrow.ArrowException):
+        return False
+    return [*names[:1], *names[-1:]] == ["time [s]", "error"]
