@@ -35,7 +35,6 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import borrowed, chi2_quantile, inverse_of, quiet, sums_of_products
 from replant.numerics.projections import weights_by
-from replant.numerics.robust import normal_scores, robust_std
 
 # a change between two of them loses at most a thirty-second of its samples
 BEGINS = 32  # samples tried as the begin of a change, evenly spread over the record [count]
@@ -125,9 +124,6 @@ def begin_of_change(
             return 0
         noise = Autoregression.of_residual(error, record.predecessors, count)
         white = noise.whiten_known(signals, record.predecessors)
-        measured = record.is_measured
-        left = white[measured, -1]  # a burst of noise would hide a change: its ranks do not
-        white[measured, -1] = robust_std(left) * normal_scores(left)
         return surest_begin(white, size, fewest, record.count, information)[0]
 
 
